@@ -1,0 +1,131 @@
+"""Cells, blocks, layouts, scenes and moves: the words in which everything else speaks.
+
+A *cell* (x, y, z) addresses the 8x8x8 grid: x 0 is nearest the robot, y 0 is
+right-most in its view, z 0 stands on the table (thesis, section 3.1).
+"""
+
+from dataclasses import dataclass, field
+from enum import StrEnum
+from typing import NamedTuple
+
+GRID = 8
+"""Cells along each side of the grid."""
+
+BLOCK_SIZE = 0.0263
+"""Edge of a block and of a square of the checkerboard, in metres (thesis 3.3.2)."""
+
+
+class Color(StrEnum):
+    """The eight colours of a block, in the order of the class numbers."""
+
+    BLUE = "blue"
+    CYAN = "cyan"
+    RED = "red"
+    YELLOW = "yellow"
+    GREEN = "green"
+    MAGENTA = "magenta"
+    GRAY = "gray"
+    WHITE = "white"
+
+
+class Shape(StrEnum):
+    """The two shapes; a prism is drawn as a pyramid, as in the thesis (3.2.4)."""
+
+    CUBE = "cube"
+    PRISM = "prism"
+
+
+class Cell(NamedTuple):
+    """One cell of the grid; see the module's docstring for its axes."""
+
+    x: int
+    y: int
+    z: int
+
+    @property
+    def index(self) -> int:
+        """Position in a flattened (x, y, z) array of 512 cells."""
+        return (self.x * GRID + self.y) * GRID + self.z
+
+    @property
+    def on_grid(self) -> bool:
+        """Whether all three coordinates are 0 to 7."""
+        return all(0 <= c < GRID for c in self)
+
+    @classmethod
+    def from_index(cls, index: int) -> "Cell":
+        """The inverse of `index`."""
+        return cls(index // GRID**2, index // GRID % GRID, index % GRID)
+
+
+CLASS_NAMES = tuple(f"{shape}_{color}" for shape in Shape for color in Color)
+"""The 16 classes, named as in thesis table 6.2; `Block.class_index` points into it."""
+
+
+@dataclass(frozen=True)
+class Block:
+    """One coloured block in one cell."""
+
+    color: Color
+    shape: Shape
+    cell: Cell
+
+    @property
+    def class_index(self) -> int:
+        """Index into `CLASS_NAMES`: 0 to 7 cubes, 8 to 15 prisms."""
+        return list(Shape).index(self.shape) * len(Color) + list(Color).index(self.color)
+
+
+@dataclass(frozen=True)
+class Gripper:
+    """Where the gripper is, and whether it is closed (which means: holds the block there)."""
+
+    cell: Cell
+    closed: bool = False
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Blocks and gripper at one moment; a held block stands at the gripper's cell."""
+
+    blocks: tuple[Block, ...]
+    gripper: Gripper = field(default_factory=lambda: Gripper(Cell(6, 5, 4)))
+    id: int | None = None
+
+    @property
+    def held(self) -> Block | None:
+        """The block in the closed gripper, if there is one."""
+        if not self.gripper.closed:
+            return None
+        return next((b for b in self.blocks if b.cell == self.gripper.cell), None)
+
+    def at(self, cell: Cell) -> Block | None:
+        """The block in a cell, if there is one."""
+        return next((b for b in self.blocks if b.cell == cell), None)
+
+    def same_blocks(self, other: "Layout") -> bool:
+        """Whether both hold the same blocks in the same cells, and the same block or none held."""
+        return set(self.blocks) == set(other.blocks) and self.held == other.held
+
+
+@dataclass(frozen=True)
+class Scene:
+    """The layout before and the layout after a command."""
+
+    before: Layout
+    after: Layout
+    id: int | None = None
+    group: int | None = None
+
+
+@dataclass(frozen=True)
+class Move:
+    """What a command asks of the arm: one block goes from one cell to another.
+
+    A *take* ends with the block held; a *drop* begins so.
+    """
+
+    source: Cell
+    target: Cell
+    begins_held: bool = False
+    ends_held: bool = False

@@ -1,0 +1,54 @@
+"""A folder is a catalogue: `robots.load("nico")` imports `robots/nico` and reads its one public object.
+
+A newcomer adds a robot, backbone, head, fuser, corpus or experiment by adding one
+file (or folder) whose module defines the object under the catalogue's attribute
+name. Nothing has to be registered.
+"""
+
+import difflib
+import importlib
+import pkgutil
+from typing import Any
+
+from fusionnet.errors import UnknownNameError
+
+
+def did_you_mean(name: str, known: list[str]) -> str:
+    """`" Did you mean 'nico'?"`, or nothing when no known name is near."""
+    near = difflib.get_close_matches(name, known, n=1)
+    return f" Did you mean {near[0]!r}?" if near else ""
+
+
+class Catalogue:
+    """The modules of one package, each offering one public object.
+
+    Args:
+        package: Import path of the folder, for example `"fusionnet.robots"`.
+        kind: What one entry is, for messages: `"robot"`.
+        attribute: Name under which a module offers its object: `"ROBOT"`.
+    """
+
+    def __init__(self, package: str, *, kind: str, attribute: str) -> None:
+        self.package = package
+        self.kind = kind
+        self.attribute = attribute
+
+    def names(self) -> list[str]:
+        """The names of all entries, sorted."""
+        folder = importlib.import_module(self.package)
+        found = (m.name for m in pkgutil.iter_modules(folder.__path__) if not m.name.startswith("_"))
+        return sorted(found)
+
+    def load(self, name: str) -> Any:
+        """The object called `name`.
+
+        Raises:
+            UnknownNameError: If there is none; the message lists what there is.
+        """
+        known = self.names()
+        if name not in known:
+            raise UnknownNameError(
+                f"No {self.kind} called {name!r}; available: {', '.join(known)}."
+                + did_you_mean(name, known)
+            )
+        return getattr(importlib.import_module(f"{self.package}.{name}"), self.attribute)
