@@ -1,0 +1,41 @@
+"""Fixtures that several tests share."""
+
+import os
+from pathlib import Path
+
+import pytest
+
+REPOSITORY = Path(__file__).resolve().parent.parent
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    parser.addoption(
+        "--update-golden",
+        action="store_true",
+        help="rewrite the files in tests/golden with what the code says now",
+    )
+
+
+@pytest.fixture(scope="session")
+def data_folder() -> Path:
+    """The folder with the treebank and the URDF; tests that need it skip where it is missing."""
+    named = os.environ.get("FUSIONNET_DATA")
+    folder = Path(named) if named else REPOSITORY.parent / "shared" / "data"
+    if not (folder / "treebank").is_dir():
+        pytest.skip(f"no treebank in {folder} (set FUSIONNET_DATA to the folder that holds it)")
+    return folder
+
+
+@pytest.fixture
+def golden(request: pytest.FixtureRequest):
+    """Compare a text with `tests/golden/NAME`, or rewrite it under `--update-golden`."""
+
+    def check(name: str, text: str) -> None:
+        path = REPOSITORY / "tests" / "golden" / name
+        if request.config.getoption("--update-golden"):
+            path.parent.mkdir(exist_ok=True)
+            path.write_text(text, encoding="utf-8")
+        assert path.exists(), f"{path} is missing; run pytest --update-golden"
+        assert text == path.read_text(encoding="utf-8")
+
+    return check
