@@ -8,24 +8,13 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import NamedTuple
 
+from fusionnet.rcl.values import Color as Color
+
 GRID = 8
 """Cells along each side of the grid."""
 
 BLOCK_SIZE = 0.0263
 """Edge of a block and of a square of the checkerboard, in metres (thesis 3.3.2)."""
-
-
-class Color(StrEnum):
-    """The eight colours of a block, in the order of the class numbers."""
-
-    BLUE = "blue"
-    CYAN = "cyan"
-    RED = "red"
-    YELLOW = "yellow"
-    GREEN = "green"
-    MAGENTA = "magenta"
-    GRAY = "gray"
-    WHITE = "white"
 
 
 class Shape(StrEnum):

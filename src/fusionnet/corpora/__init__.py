@@ -1,0 +1,32 @@
+"""Commands with their trees and scenes, from whatever source, as one kind of record.
+
+One file a corpus, which offers `CORPUS`: a function from the folder of the data
+(or None) to a `Corpus`. Files that begin with an underscore are no corpora.
+"""
+
+from pathlib import Path
+
+from fusionnet.catalogue import Catalogue
+from fusionnet.corpora._command import Command, Corpus, Part, part_of
+
+CATALOGUE = Catalogue("fusionnet.corpora", kind="corpus", attribute="CORPUS")
+
+
+def load_corpus(name: str, data: Path | str | None = None, *, skip_bad: bool = False) -> Corpus:
+    """Read the corpus called `name`.
+
+    Args:
+        name: A name in the catalogue: "examples" or "treebank".
+        data: Folder of its files, for a corpus that is not part of this package.
+        skip_bad: Leave unreadable records out instead of refusing the whole.
+
+    Raises:
+        UnknownNameError: If there is no such corpus.
+        DataError: If its files are missing or damaged.
+    """
+    read = CATALOGUE.load(name)
+    corpus: Corpus = read(None if data is None else Path(data), skip_bad=skip_bad)
+    return corpus
+
+
+__all__ = ["CATALOGUE", "Command", "Corpus", "Part", "load_corpus", "part_of"]

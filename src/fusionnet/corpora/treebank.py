@@ -1,0 +1,199 @@
+"""The Robot Commands Treebank as it was released for SemEval-2014, task 6.
+
+A folder with three tab-separated files: `commands.txt` (id, scene, sentence),
+`annotation.txt` (id, "rcl", tree) and `configuration.txt` (layouts as blocks
+of lines). The corpus is not part of this package: it is free for research.
+
+Eight scenes join the five layouts of a group: for scene s, r = (s - 1) mod 8
+and k = r // 2 + 2, an even r leads from layout 1 to layout k and an odd r from
+layout k to layout 1. The proof is that with this order every tree of the corpus
+executes to the recorded layout.
+
+References:
+    Dukes (2014), SemEval-2014 task 6: Supervised semantic parsing of robotic
+    spatial commands.
+"""
+
+import logging
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+from fusionnet.blocks.grid import Block, Cell, Color, Gripper, Layout, Scene, Shape
+from fusionnet.corpora._command import Command, Corpus
+from fusionnet.errors import DataError, TreeError
+from fusionnet.rcl import Tree, parse
+
+LAYOUTS_PER_GROUP = 5
+SCENES_PER_GROUP = 8
+LARGEST_FILE = 100_000_000
+"""Bytes that one file may have; the treebank's largest has under one million."""
+
+COLOR_LETTERS = {
+    "B": Color.BLUE,
+    "C": Color.CYAN,
+    "R": Color.RED,
+    "Y": Color.YELLOW,
+    "G": Color.GREEN,
+    "M": Color.MAGENTA,
+    "X": Color.GRAY,
+    "W": Color.WHITE,
+}
+SHAPE_DIGITS = {"1": Shape.CUBE, "2": Shape.PRISM}
+
+_log = logging.getLogger(__name__)
+_CELL = r"([0-7])[ \t]+([0-7])[ \t]+([0-7])"
+_BLOCK = re.compile(_CELL + r"[ \t]+([BCRYGMXW])[ \t]+([12])")
+_GRIPPER = re.compile(_CELL + r"[ \t]+([OC])")
+
+
+def read(data: Path | None, *, skip_bad: bool = False) -> Corpus:
+    """Read the treebank from its folder, or from a folder that holds it as `treebank/`.
+
+    Args:
+        data: The folder.
+        skip_bad: Leave unreadable records out, with a warning in the log,
+            instead of refusing the whole.
+
+    Raises:
+        DataError: If a file is missing or a line is not as it should be; the
+            message names the file and the line.
+    """
+    if data is None:
+        raise DataError(
+            "The treebank is not part of this package; give the folder that holds "
+            "commands.txt, annotation.txt and configuration.txt (--data DIR)."
+        )
+    folder = data / "treebank" if (data / "treebank").is_dir() else data
+    faults = _Faults(skip_bad)
+    layouts = dict(_layouts(folder / "configuration.txt", faults))
+    scenes = _scenes(layouts)
+    trees = dict(_trees(folder / "annotation.txt", faults))
+    commands = tuple(_commands(folder / "commands.txt", trees, scenes, faults))
+    return Corpus("treebank", commands, scenes, layouts)
+
+
+CORPUS = read
+
+
+class _Faults:
+    """What is done about a bad line: raise, or log and go on."""
+
+    def __init__(self, skip_bad: bool) -> None:
+        self.skip_bad = skip_bad
+
+    def found(self, path: Path, line: int, reason: str) -> None:
+        message = f"{path.name}, line {line}: {reason}"
+        if not self.skip_bad:
+            raise DataError(f"{message} (--skip-bad leaves such records out)")
+        _log.warning("%s; left out", message)
+
+
+def _lines(path: Path) -> Iterator[tuple[int, str]]:
+    """Numbered lines without their ends; the treebank's files mix CR, LF and CRLF."""
+    try:
+        if path.stat().st_size > LARGEST_FILE:
+            raise DataError(f"{path} has more than {LARGEST_FILE} bytes: it is not the treebank's.")
+        text = path.read_text("utf-8")
+    except FileNotFoundError:
+        raise DataError(
+            f"There is no {path.name} in {path.parent}; the treebank's folder holds "
+            "commands.txt, annotation.txt and configuration.txt."
+        ) from None
+    except (OSError, UnicodeDecodeError) as error:
+        raise DataError(f"{path} cannot be read: {error}") from None
+    for number, line in enumerate(text.split("\n"), 1):
+        yield number, line.strip("\r\t ")
+
+
+def _layouts(path: Path, faults: _Faults) -> Iterator[tuple[int, Layout]]:
+    """Numbered layouts: layout n of group g has the number 5 (g - 1) + n."""
+    record: list[tuple[int, str]] = []
+    for number, line in [*_lines(path), (-1, "")]:
+        if line:
+            record.append((number, line))
+        elif record:
+            try:
+                yield _layout(record)
+            except DataError as error:
+                faults.found(path, *error.args)
+            record = []
+
+
+def _layout(record: list[tuple[int, str]]) -> tuple[int, Layout]:
+    """One layout from its lines."""
+    number, line = record[0]
+    group, _, place = line.partition("\t")
+    if not (group.isdigit() and place.isdigit() and 1 <= int(place) <= LAYOUTS_PER_GROUP):
+        raise DataError(number, f"expected 'group layout' (layout 1 to 5), found {line!r}")
+    layout_id = LAYOUTS_PER_GROUP * (int(group) - 1) + int(place)
+    number, line = record[1] if len(record) > 1 else (number, "")
+    match = _GRIPPER.fullmatch(line)
+    if match is None:
+        raise DataError(number, f"expected the gripper as 'x y z O' or 'x y z C', found {line!r}")
+    x, y, z, state = match.groups()
+    gripper = Gripper(Cell(int(x), int(y), int(z)), closed=state == "C")
+    blocks = []
+    for number, line in record[2:]:
+        match = _BLOCK.fullmatch(line)
+        if match is None:
+            raise DataError(number, f"expected a block as 'x y z colour shape', found {line!r}")
+        x, y, z, color, shape = match.groups()
+        cell = Cell(int(x), int(y), int(z))
+        blocks.append(Block(COLOR_LETTERS[color], SHAPE_DIGITS[shape], cell))
+    return layout_id, Layout(tuple(blocks), gripper, layout_id)
+
+
+def scene_layouts(scene: int) -> tuple[int, int, int]:
+    """The group of a scene, and the numbers of its layouts before and after."""
+    group, place = divmod(scene - 1, SCENES_PER_GROUP)
+    first = LAYOUTS_PER_GROUP * group + 1
+    other = first + place // 2 + 1
+    before, after = (first, other) if place % 2 == 0 else (other, first)
+    return group + 1, before, after
+
+
+def _scenes(layouts: dict[int, Layout]) -> dict[int, Scene]:
+    """All scenes whose two layouts there are."""
+    groups = (max(layouts, default=0) + LAYOUTS_PER_GROUP - 1) // LAYOUTS_PER_GROUP
+    scenes = {}
+    for number in range(1, groups * SCENES_PER_GROUP + 1):
+        group, before, after = scene_layouts(number)
+        if before in layouts and after in layouts:
+            scenes[number] = Scene(layouts[before], layouts[after], number, group)
+    return scenes
+
+
+def _trees(path: Path, faults: _Faults) -> Iterator[tuple[int, Tree]]:
+    for number, line in _lines(path):
+        if not line:
+            continue
+        parts = line.split("\t", 2)
+        if len(parts) != 3 or not parts[0].isdigit() or parts[1] != "rcl":
+            found = f"expected 'id', 'rcl' and the tree with tabs between, found {line[:60]!r}"
+            faults.found(path, number, found)
+            continue
+        try:
+            yield int(parts[0]), parse(parts[2])
+        except TreeError as error:
+            faults.found(path, number, str(error))
+
+
+def _commands(
+    path: Path, trees: dict[int, Tree], scenes: dict[int, Scene], faults: _Faults
+) -> Iterator[Command]:
+    for number, line in _lines(path):
+        if not line:
+            continue
+        parts = line.split("\t", 2)
+        if len(parts) != 3 or not (parts[0].isdigit() and parts[1].isdigit()):
+            found = f"expected 'id', 'scene' and the sentence with tabs between, found {line[:60]!r}"
+            faults.found(path, number, found)
+            continue
+        command, scene = int(parts[0]), int(parts[1])
+        if command not in trees:
+            faults.found(path, number, f"command {command} has no tree in annotation.txt")
+        elif scene not in scenes:
+            faults.found(path, number, f"scene {scene} has no layouts in configuration.txt")
+        else:
+            yield Command(command, parts[2], trees[command], scenes[scene], "treebank")
