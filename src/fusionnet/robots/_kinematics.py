@@ -1,0 +1,51 @@
+"""Where a robot's hand is for given joint values."""
+
+import mujoco
+import numpy as np
+from jaxtyping import Float
+
+from fusionnet.robots._robot import Robot
+
+
+class ArmKinematics:
+    """Forward kinematics of one robot's arm, computed by MuJoCo on the robot's own model.
+
+    Holds a model and its state, so one instance serves one thread.
+
+    Args:
+        robot: The robot.
+    """
+
+    def __init__(self, robot: Robot) -> None:
+        self.robot = robot
+        self.model = robot.spec().compile()
+        self.data = mujoco.MjData(self.model)
+        joints = [self.model.joint(name) for name in robot.joint_names]
+        self._positions = np.array([joint.qposadr[0] for joint in joints])
+        self._velocities = np.array([joint.dofadr[0] for joint in joints])
+        self._pinch = self.model.site("pinch").id
+
+    def robot_from_pinch(self, joint_angles: Float[np.ndarray, " n"]) -> Float[np.ndarray, "4 4"]:
+        """Pose of the pinch frame, whose z axis is the hand's direction of approach."""
+        self._move(joint_angles)
+        transform = np.eye(4)
+        transform[:3, :3] = self.data.site_xmat[self._pinch].reshape(3, 3)
+        transform[:3, 3] = self.data.site_xpos[self._pinch]
+        return transform
+
+    def jacobian(self, joint_angles: Float[np.ndarray, " n"]) -> Float[np.ndarray, "6 n"]:
+        """Velocity of the pinch (rows 0 to 2) and its angular velocity (3 to 5) per joint rate."""
+        self._move(joint_angles)
+        mujoco.mj_comPos(self.model, self.data)
+        jacobian = np.empty((6, self.model.nv))
+        mujoco.mj_jacSite(self.model, self.data, jacobian[:3], jacobian[3:], self._pinch)
+        return jacobian[:, self._velocities]
+
+    def tilt(self, joint_angles: Float[np.ndarray, " n"]) -> float:
+        """Angle between the direction of approach and straight down [rad]."""
+        down = -self.robot_from_pinch(joint_angles)[2, 2]
+        return float(np.arccos(np.clip(down, -1.0, 1.0)))
+
+    def _move(self, joint_angles: Float[np.ndarray, " n"]) -> None:
+        self.data.qpos[self._positions] = joint_angles
+        mujoco.mj_kinematics(self.model, self.data)
