@@ -5,6 +5,12 @@ A newcomer's robot is one more folder; see `docs/add-your-robot.md`.
 """
 
 from fusionnet.catalogue import Catalogue
+from fusionnet.robots._joint_table import (
+    TableQuality,
+    make_joint_table,
+    measure_joint_table,
+    save_joint_table,
+)
 from fusionnet.robots._kinematics import ArmKinematics
 from fusionnet.robots._robot import Robot, TableTop
 
@@ -29,7 +35,11 @@ def load(name: str) -> Robot:
 __all__ = [
     "ArmKinematics",
     "Robot",
+    "TableQuality",
     "TableTop",
     "load",
+    "make_joint_table",
+    "measure_joint_table",
     "names",
+    "save_joint_table",
 ]

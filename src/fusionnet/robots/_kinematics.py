@@ -33,12 +33,24 @@ class ArmKinematics:
         transform[:3, 3] = self.data.site_xpos[self._pinch]
         return transform
 
+    def forward(
+        self, postures: Float[np.ndarray, "m n"]
+    ) -> tuple[Float[np.ndarray, "m 3"], Float[np.ndarray, "m 3"], Float[np.ndarray, "m 6 n"]]:
+        """Pinch positions, directions of approach and Jacobians of many postures at once."""
+        positions, approaches = np.empty((len(postures), 3)), np.empty((len(postures), 3))
+        jacobians = np.empty((len(postures), 6, self.model.nv))
+        for i, posture in enumerate(postures):
+            self._move(posture)
+            self._differentiate(jacobians[i])
+            positions[i] = self.data.site_xpos[self._pinch]
+            approaches[i] = self.data.site_xmat[self._pinch, 2::3]
+        return positions, approaches, jacobians[:, :, self._velocities]
+
     def jacobian(self, joint_angles: Float[np.ndarray, " n"]) -> Float[np.ndarray, "6 n"]:
         """Velocity of the pinch (rows 0 to 2) and its angular velocity (3 to 5) per joint rate."""
         self._move(joint_angles)
-        mujoco.mj_comPos(self.model, self.data)
         jacobian = np.empty((6, self.model.nv))
-        mujoco.mj_jacSite(self.model, self.data, jacobian[:3], jacobian[3:], self._pinch)
+        self._differentiate(jacobian)
         return jacobian[:, self._velocities]
 
     def tilt(self, joint_angles: Float[np.ndarray, " n"]) -> float:
@@ -46,6 +58,10 @@ class ArmKinematics:
         down = -self.robot_from_pinch(joint_angles)[2, 2]
         return float(np.arccos(np.clip(down, -1.0, 1.0)))
 
-    def _move(self, joint_angles: Float[np.ndarray, " n"]) -> None:
+    def _move(self, joint_angles: np.ndarray) -> None:
         self.data.qpos[self._positions] = joint_angles
         mujoco.mj_kinematics(self.model, self.data)
+
+    def _differentiate(self, jacobian: np.ndarray) -> None:
+        mujoco.mj_comPos(self.model, self.data)
+        mujoco.mj_jacSite(self.model, self.data, jacobian[:3], jacobian[3:], self._pinch)

@@ -12,6 +12,9 @@ from jaxtyping import Float
 from fusionnet.blocks.grid import BLOCK_SIZE, GRID, Cell
 from fusionnet.errors import DataError, InputError
 
+CellLike = Cell | Sequence[int] | np.ndarray
+"""Three whole numbers x, y, z: a `Cell`, a tuple or an array."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class TableTop:
@@ -109,11 +112,11 @@ class Robot:
         transform[:3, 3] = self.board_origin
         return _read_only(transform)
 
-    def cell_position(self, cell: Sequence[int]) -> Float[np.ndarray, "3"]:
+    def cell_position(self, cell: CellLike) -> Float[np.ndarray, "3"]:
         """Centre of a block in the cell, in the robot frame [m]; cells off the grid are allowed."""
         return np.asarray(self.board_origin) + (np.asarray(cell, dtype=float) + 0.5) * BLOCK_SIZE
 
-    def pinch_position(self, cell: Sequence[int]) -> Float[np.ndarray, "3"]:
+    def pinch_position(self, cell: CellLike) -> Float[np.ndarray, "3"]:
         """Where the pinch goes to grasp or place a block in the cell, in the robot frame [m]."""
         return self.cell_position(cell) + [0.0, 0.0, BLOCK_SIZE / 2 + self.pinch_clearance]
 
@@ -144,7 +147,7 @@ class Robot:
             )
         return _read_only(table)
 
-    def joint_angles(self, cell: Sequence[int]) -> Float[np.ndarray, " n"]:
+    def joint_angles(self, cell: CellLike) -> Float[np.ndarray, " n"]:
         """The arm posture that brings the pinch to a cell's block [rad, or m].
 
         Raises:
