@@ -1,0 +1,106 @@
+"""Pictures without a window: one OpenGL context, one MuJoCo scene, pixels out.
+
+A thin replacement for `mujoco.Renderer`, which reads and flips more than we need
+and maps segmentation colours in Python. Settings are chosen for software rendering
+on one core, where MuJoCo's defaults (a 4096 pixel shadow map, four samples a pixel)
+cost four times as much as ours.
+"""
+
+import importlib
+import os
+import platform
+from typing import Any
+
+import mujoco
+import numpy as np
+from jaxtyping import Int, UInt8
+
+from fusionnet.errors import RenderingError
+
+MAX_GEOMS = 2000
+"""Most shapes in one picture: a robot, a board, and some hundred blocks."""
+
+REMEDY = (
+    "Install a software renderer (Debian, Ubuntu: apt install libegl1 libgl1-mesa-dri), "
+    "or set MUJOCO_GL to a backend that works here (egl, osmesa, glfw)."
+)
+
+
+def backend() -> str:
+    """The OpenGL backend in use: MUJOCO_GL if set, else EGL on Linux, else the system's own."""
+    chosen = os.environ.get("MUJOCO_GL", "").strip().lower()
+    if chosen in ("egl", "osmesa", "glfw", "cgl"):
+        return chosen
+    if chosen in ("disable", "disabled", "off", "false", "0"):
+        return "disabled"
+    return {"Linux": "egl", "Darwin": "cgl"}.get(platform.system(), "glfw")
+
+
+def _open_context(width: int, height: int) -> Any:
+    """A current OpenGL context of the chosen backend; any failure becomes one line."""
+    name = backend()
+    if name == "disabled":
+        raise RenderingError("Rendering is switched off by MUJOCO_GL; unset it or set it to egl.")
+    try:
+        context = importlib.import_module(f"mujoco.{name}").GLContext(width, height)
+        context.make_current()
+    except Exception as error:  # PyOpenGL raises half a dozen unrelated types here
+        reason = str(error).strip().splitlines()[0] if str(error).strip() else type(error).__name__
+        raise RenderingError(
+            f"No picture can be rendered: the OpenGL backend {name!r} failed ({reason}). {REMEDY}"
+        ) from error
+    return context
+
+
+class Offscreen:
+    """An OpenGL context with the meshes and textures of one model.
+
+    Args:
+        model: Compiled model; its offscreen buffer must hold `size`.
+        size: Width and height of pictures, in pixels.
+
+    Raises:
+        RenderingError: If there is no working OpenGL; the message names a remedy.
+    """
+
+    def __init__(self, model: mujoco.MjModel, size: tuple[int, int]) -> None:
+        self.size = size
+        self.scene = mujoco.MjvScene(model, maxgeom=MAX_GEOMS)
+        self._rectangle = mujoco.MjrRect(0, 0, *size)
+        self._gl = _open_context(*size)
+        self._context = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_100.value)
+        mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN.value, self._context)
+
+    def picture(self) -> UInt8[np.ndarray, "h w 3"]:
+        """The scene in colour."""
+        return self._pixels()
+
+    def identities(self) -> Int[np.ndarray, "h w"]:
+        """For each pixel the `segid` of the shape seen there plus one; 0 where there is none."""
+        flags = self.scene.flags
+        kept = flags.copy()
+        flags[mujoco.mjtRndFlag.mjRND_SEGMENT] = True
+        flags[mujoco.mjtRndFlag.mjRND_IDCOLOR] = True
+        try:
+            pixels = self._pixels()
+        finally:
+            np.copyto(flags, kept)
+        return pixels[..., 0] + pixels[..., 1].astype(np.int32) * 256
+
+    def _pixels(self) -> UInt8[np.ndarray, "h w 3"]:
+        if self._context is None:
+            raise RenderingError("This renderer was closed; make a new one.")
+        self._gl.make_current()
+        mujoco.mjr_render(self._rectangle, self.scene, self._context)
+        width, height = self.size
+        pixels = np.empty((height, width, 3), np.uint8)
+        mujoco.mjr_readPixels(pixels, None, self._rectangle, self._context)
+        return pixels[::-1]
+
+    def close(self) -> None:
+        """Free the OpenGL context; nothing can be rendered after."""
+        if self._context is not None:
+            self._gl.make_current()
+            self._context.free()
+            self._gl.free()
+            self._context = None

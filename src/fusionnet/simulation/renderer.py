@@ -1,0 +1,229 @@
+"""Pictures of layouts with exact labels: what the robot sees before it moves (thesis 3.3.3)."""
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import mujoco
+import numpy as np
+from jaxtyping import Float, Int, UInt8
+from scipy import ndimage
+
+from fusionnet.blocks.grid import Block, Layout
+from fusionnet.catalogue import did_you_mean
+from fusionnet.errors import UnknownNameError
+from fusionnet.geometry import PinholeCamera, invert, rotation_from_vector, transform
+from fusionnet.robots import Robot, load
+from fusionnet.simulation.appearance import Appearance
+from fusionnet.simulation.offscreen import Offscreen
+from fusionnet.simulation.posture import robot_posture
+from fusionnet.simulation.scenery import add_blocks, add_furniture, picture_model, set_lights
+from fusionnet.simulation.tabletop import (
+    EXTERNAL_POSITION,
+    EXTERNAL_TARGET,
+    EXTERNAL_VIEW,
+    BlockPoses,
+    ideal_poses,
+)
+
+EXTERNAL = "external"
+"""Name of the camera that films the robot, beside those in the robot's own model."""
+
+_OPENCV_FROM_OPENGL = np.diag([1.0, -1.0, -1.0])
+
+
+@dataclass(frozen=True, eq=False)
+class View:
+    """One picture and what is in it.
+
+    Attributes:
+        image: Red, green and blue.
+        camera: The camera that took it.
+        boxes: Left, top, right and bottom edge (pixels) of the visible part of each block
+            of which at least one pixel is visible, occlusion included.
+        classes: Class index of the block in each box (`fusionnet.blocks.CLASS_NAMES`).
+        indices: Which block of the layout each box belongs to.
+        visible: Visible pixels of every block of the layout; 0 where it is hidden.
+    """
+
+    image: UInt8[np.ndarray, "h w 3"]
+    camera: PinholeCamera
+    boxes: Float[np.ndarray, "n 4"]
+    classes: Int[np.ndarray, " n"]
+    indices: Int[np.ndarray, " n"]
+    visible: Int[np.ndarray, " m"]
+
+
+class SceneRenderer:
+    """Takes pictures of block layouts, of any number of blocks, with one compiled model.
+
+    Only the robot is part of the model. Table, board and blocks are handed to the
+    renderer as shapes for each picture, so that a new layout costs nothing but its shapes.
+
+    Args:
+        robot: Name in the robots' catalogue.
+        size: Width and height of pictures, in pixels.
+
+    Raises:
+        RenderingError: If there is no working OpenGL; the message names a remedy.
+        UnknownNameError: If there is no such robot.
+    """
+
+    def __init__(self, robot: str = "nico", size: tuple[int, int] = (960, 540)) -> None:
+        self.robot: Robot = load(robot)
+        self.size = size
+        self.model = picture_model(robot, size)
+        self._data = mujoco.MjData(self.model)
+        self._offscreen = Offscreen(self.model, size)
+        self._option = mujoco.MjvOption()
+        self._option.sitegroup[:] = 0
+        self._free_camera = mujoco.MjvCamera()
+
+    @property
+    def cameras(self) -> list[str]:
+        """Names of all cameras."""
+        return [self.model.camera(i).name for i in range(self.model.ncam)] + [EXTERNAL]
+
+    def view(
+        self,
+        layout: Layout,
+        camera: str = "left_eye",
+        appearance: Appearance | None = None,
+        labels: bool = True,
+    ) -> View:
+        """A picture of an ideal layout: every block in its cell, the hand away or holding a block.
+
+        Args:
+            layout: What stands on the board. If a block is held, the hand is there with it.
+            camera: One of `cameras`.
+            appearance: Look of the picture; nominal by default.
+            labels: Whether boxes and visible pixels are wanted (a second rendering).
+
+        Raises:
+            UnknownNameError: If there is no such camera.
+        """
+        appearance = appearance or Appearance()
+        poses = ideal_poses(
+            layout.blocks,
+            self.robot.robot_from_board,
+            appearance.block_shifts,
+            appearance.block_turns,
+        )
+        posture = robot_posture(self.model, self.robot, layout)
+        return self.draw(posture, layout.blocks, poses, camera, appearance, labels)
+
+    def draw(
+        self,
+        posture: Float[np.ndarray, " q"],
+        blocks: tuple[Block, ...],
+        poses: BlockPoses,
+        camera: str = "left_eye",
+        appearance: Appearance | None = None,
+        labels: bool = True,
+    ) -> View:
+        """A picture of the robot in `posture` (all its joints) and blocks at `poses`.
+
+        Raises:
+            UnknownNameError: If there is no such camera.
+        """
+        appearance = appearance or Appearance()
+        scene = self._offscreen.scene
+        self._data.qpos[:] = posture
+        mujoco.mj_kinematics(self.model, self._data)
+        mujoco.mj_camlight(self.model, self._data)
+        mujoco.mjv_updateScene(
+            self.model,
+            self._data,
+            self._option,
+            None,
+            self._free_camera,
+            mujoco.mjtCatBit.mjCAT_ALL.value,
+            scene,
+        )
+        robot_from_board = self.robot.robot_from_board
+        set_lights(scene, appearance, robot_from_board)
+        add_furniture(scene, self.robot, appearance)
+        first = add_blocks(scene, self.model, blocks, poses, appearance)
+        pinhole = self._aim(camera, appearance)
+        image = appearance.develop(self._offscreen.picture())
+        if labels:
+            visible, boxes = visible_boxes(self._offscreen.identities() - first, len(blocks))
+        else:
+            visible, boxes = np.zeros(len(blocks), int), np.zeros((len(blocks), 4))
+        seen = np.flatnonzero(visible)
+        classes = np.array([b.class_index for b in blocks], dtype=int)
+        return View(image, pinhole, boxes[seen], classes[seen], seen, visible)
+
+    def camera(self, name: str = "left_eye", appearance: Appearance | None = None) -> PinholeCamera:
+        """The camera called `name`, as it stands in pictures of this appearance.
+
+        Raises:
+            UnknownNameError: If there is no such camera.
+        """
+        appearance = appearance or Appearance()
+        if name == EXTERNAL:
+            robot_from_camera, view = self._external()
+        else:
+            index = mujoco.mj_name2id(self.model, mujoco.mjtObj.mjOBJ_CAMERA, name)
+            if index < 0:
+                raise UnknownNameError(
+                    f"No camera called {name!r}; available: {', '.join(self.cameras)}."
+                    + did_you_mean(name, self.cameras)
+                )
+            rotation = self._data.cam_xmat[index].reshape(3, 3) @ _OPENCV_FROM_OPENGL
+            robot_from_camera = transform(rotation, self._data.cam_xpos[index])
+            view = float(np.deg2rad(self.model.cam_fovy[index]))
+        moved = transform(
+            rotation_from_vector(appearance.camera_rotation), appearance.camera_translation
+        )
+        return PinholeCamera.from_vertical_view(
+            self.size, view * appearance.view_scale, invert(robot_from_camera @ moved)
+        )
+
+    def close(self) -> None:
+        """Free the OpenGL context."""
+        self._offscreen.close()
+
+    def _external(self) -> tuple[Float[np.ndarray, "4 4"], float]:
+        forward = EXTERNAL_TARGET - EXTERNAL_POSITION
+        forward /= np.linalg.norm(forward)
+        right = np.cross(forward, [0.0, 0.0, 1.0])
+        right /= np.linalg.norm(right)
+        axes = np.column_stack([right, np.cross(forward, right), forward])
+        return self.robot.robot_from_board @ transform(axes, EXTERNAL_POSITION), EXTERNAL_VIEW
+
+    def _aim(self, name: str, appearance: Appearance) -> PinholeCamera:
+        """Point the scene's two OpenGL cameras (one for each eye of a stereo display) as `name`."""
+        pinhole = self.camera(name, appearance)
+        robot_from_camera = invert(pinhole.camera_from_robot)
+        for camera in self._offscreen.scene.camera:
+            half_height = 0.5 * self.size[1] / pinhole.matrix[1, 1] * camera.frustum_near
+            camera.pos[:] = robot_from_camera[:3, 3]
+            camera.up[:] = -robot_from_camera[:3, 1]
+            camera.forward[:] = robot_from_camera[:3, 2]
+            camera.frustum_center = 0.0
+            camera.frustum_width = half_height * self.size[0] / self.size[1]
+            camera.frustum_bottom, camera.frustum_top = -half_height, half_height
+        return pinhole
+
+
+def visible_boxes(
+    identities: Int[np.ndarray, "h w"], count: int
+) -> tuple[Int[np.ndarray, " n"], Float[np.ndarray, "n 4"]]:
+    """Pixels and box (left, top, right, bottom edge) of each of the labels 1 to `count`.
+
+    Boxes of labels without a pixel are zero.
+    """
+    identities = np.where((identities > 0) & (identities <= count), identities, 0)
+    visible = np.bincount(identities.ravel(), minlength=count + 1)[1:]
+    boxes = np.zeros((count, 4))
+    for index, found in enumerate(ndimage.find_objects(identities, max_label=count)):
+        if found is not None:
+            rows, columns = found
+            boxes[index] = columns.start, rows.start, columns.stop, rows.stop
+    return visible, boxes
+
+
+@lru_cache(maxsize=4)
+def shared_renderer(robot: str = "nico", size: tuple[int, int] = (960, 540)) -> SceneRenderer:
+    """One renderer a robot and size, kept for the life of the process."""
+    return SceneRenderer(robot, size)

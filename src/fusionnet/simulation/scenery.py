@@ -1,0 +1,164 @@
+"""What is in a picture beside the robot: lights, floor, table, board and blocks."""
+
+from functools import lru_cache
+
+import mujoco
+import numpy as np
+from jaxtyping import Float
+
+from fusionnet.blocks.grid import BLOCK_SIZE, GRID, Block, Shape
+from fusionnet.geometry import apply, rotation_from_quaternion
+from fusionnet.robots import Robot, load
+from fusionnet.simulation.appearance import BLOCK_COLORS, Appearance
+from fusionnet.simulation.tabletop import (
+    BOARD_SIZE,
+    DRAWN_HALF,
+    PYRAMID,
+    TABLE_THICKNESS,
+    BlockPoses,
+    add_pyramid_mesh,
+)
+
+SHADOW_PIXELS = 1024
+"""Edge of the shadow map; MuJoCo's default of 4096 costs far more on a processor."""
+
+SHADOW_RADIUS = 0.27
+"""Half edge of the square around the board in which shadows are thrown, in metres."""
+
+_BOX = mujoco.mjtGeom.mjGEOM_BOX
+_MESH = mujoco.mjtGeom.mjGEOM_MESH
+_MATRIX = np.eye(3).ravel()
+
+
+@lru_cache(maxsize=4)
+def picture_model(robot: str, size: tuple[int, int]) -> mujoco.MjModel:
+    """The robot alone with two lights, the pyramid's mesh, and settings for software rendering."""
+    spec = load(robot).spec()
+    add_pyramid_mesh(spec, DRAWN_HALF)
+    for shadow in (True, False):
+        light = spec.worldbody.add_light()
+        light.type = mujoco.mjtLightType.mjLIGHT_DIRECTIONAL
+        light.castshadow = shadow
+    spec.stat.extent = 1.0
+    visual = spec.visual
+    visual.global_.offwidth, visual.global_.offheight = size
+    visual.quality.offsamples = 0
+    visual.quality.shadowsize = SHADOW_PIXELS
+    visual.map.shadowclip = SHADOW_RADIUS
+    visual.map.znear = 0.05
+    visual.map.zfar = 12.0
+    return spec.compile()
+
+
+def set_lights(
+    scene: mujoco.MjvScene, appearance: Appearance, robot_from_board: Float[np.ndarray, "4 4"]
+) -> None:
+    """Light the scene as the appearance says."""
+    center = apply(robot_from_board, np.array([BOARD_SIZE / 2, BOARD_SIZE / 2, BOARD_SIZE / 4]))
+    rays = [
+        (appearance.light_direction, appearance.light),
+        (appearance.fill_direction, appearance.fill),
+    ]
+    directional = [light for light in scene.lights[: scene.nlight] if not light.headlight]
+    for light in scene.lights[: scene.nlight]:
+        if light.headlight:
+            light.ambient[:] = appearance.ambient
+            light.diffuse[:] = 0.0
+            light.specular[:] = 0.0
+    for light, (direction, strength) in zip(directional, rays, strict=True):
+        towards = robot_from_board[:3, :3] @ (direction / np.linalg.norm(direction))
+        light.dir[:] = towards
+        light.pos[:] = center - towards
+        light.ambient[:] = 0.0
+        light.diffuse[:] = strength
+        light.specular[:] = 0.25 * strength
+    scene.flags[mujoco.mjtRndFlag.mjRND_SHADOW] = appearance.shadows
+    scene.flags[mujoco.mjtRndFlag.mjRND_REFLECTION] = False
+
+
+def add_furniture(scene: mujoco.MjvScene, robot: Robot, appearance: Appearance) -> None:
+    """Floor, table and checkerboard."""
+    top = robot.table_top
+    middle = np.array([sum(top.x) / 2, sum(top.y) / 2])
+    half = np.array([top.x[1] - top.x[0], top.y[1] - top.y[0]]) / 2
+    shapes = [_add_box(scene, (*middle, -0.01), (10.0, 10.0, 0.01), appearance.floor)]
+    plate = top.height - TABLE_THICKNESS
+    shapes.append(
+        _add_box(
+            scene,
+            (*middle, top.height - TABLE_THICKNESS / 2),
+            (*half, TABLE_THICKNESS / 2),
+            appearance.table,
+        )
+    )
+    for corner in ((-1, -1), (-1, 1), (1, -1), (1, 1)):
+        leg = middle + np.array(corner) * (half - 0.03)
+        shapes.append(
+            _add_box(scene, (*leg, plate / 2), (0.02, 0.02, plate / 2), 0.8 * appearance.table)
+        )
+    for x in range(GRID):
+        for y in range(GRID):
+            color = appearance.board_dark if (x + y) % 2 == 0 else appearance.board_light
+            center = np.array([(x + 0.5) * BLOCK_SIZE, (y + 0.5) * BLOCK_SIZE, 0.0])
+            shapes.append(
+                _add_box(
+                    scene,
+                    apply(robot.robot_from_board, center),
+                    (BLOCK_SIZE / 2, BLOCK_SIZE / 2, 0.0003),
+                    color * appearance.square_tints[x * GRID + y],
+                )
+            )
+    for shape in shapes:  # wide surfaces shadow themselves in stripes, and cost most to draw
+        shape.castshadow = False
+
+
+def add_blocks(
+    scene: mujoco.MjvScene,
+    model: mujoco.MjModel,
+    blocks: tuple[Block, ...],
+    poses: BlockPoses,
+    appearance: Appearance,
+) -> int:
+    """Add the blocks; the segmentation label of block i is the returned number plus i plus 1."""
+    pyramid = model.mesh(PYRAMID).id
+    # The compiler moves a mesh to its centre of mass and principal axes; move it back.
+    offset = model.mesh_pos[pyramid]
+    turn = rotation_from_quaternion(model.mesh_quat[pyramid])
+    first = scene.ngeom
+    for index, block in enumerate(blocks):
+        position, rotation = poses.positions[index], poses.rotations[index]
+        color = np.clip(
+            np.array(BLOCK_COLORS[block.color]) * appearance.block_tints[index], 0.0, 1.0
+        )
+        if block.shape is Shape.CUBE:
+            _add_box(scene, position, DRAWN_HALF, color, rotation.ravel())
+        else:
+            center, matrix = position + rotation @ offset, (rotation @ turn).ravel()
+            geom = _add_box(scene, center, DRAWN_HALF, color, matrix, _MESH)
+            geom.dataid = 2 * pyramid
+    return first
+
+
+def _add_box(
+    scene: mujoco.MjvScene,
+    position: object,
+    half_size: object,
+    color: np.ndarray,
+    matrix: np.ndarray = _MATRIX,
+    shape: mujoco.mjtGeom = _BOX,
+) -> mujoco.MjvGeom:
+    geom = scene.geoms[scene.ngeom]
+    mujoco.mjv_initGeom(
+        geom,
+        shape,
+        np.asarray(half_size, dtype=float),
+        np.asarray(position, dtype=float),
+        np.asarray(matrix, dtype=float),
+        np.append(color, 1.0).astype(np.float32),
+    )
+    geom.category = mujoco.mjtCatBit.mjCAT_DYNAMIC
+    geom.segid = scene.ngeom
+    geom.specular = 0.2
+    geom.shininess = 0.3
+    scene.ngeom += 1
+    return geom
