@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
+from typing import SupportsIndex
 
 import mujoco
 import numpy as np
@@ -12,7 +13,7 @@ from jaxtyping import Float
 from fusionnet.blocks.grid import BLOCK_SIZE, GRID, Cell
 from fusionnet.errors import DataError, InputError
 
-CellLike = Cell | Sequence[int] | np.ndarray
+CellLike = Sequence[SupportsIndex] | np.ndarray
 """Three whole numbers x, y, z: a `Cell`, a tuple or an array."""
 
 
@@ -137,7 +138,8 @@ class Robot:
         except (OSError, ValueError) as error:
             raise DataError(
                 f"Robot {self.name!r} has no usable joint table"
-                f" at {self.joint_table_file}: {error}. Make it with fusionnet.robots.make_joint_table."
+                f" at {self.joint_table_file}: {error}."
+                " Make it with fusionnet.robots.make_joint_table."
             ) from error
         shape = (GRID, GRID, GRID, len(self.joint_names))
         if table.shape != shape:
