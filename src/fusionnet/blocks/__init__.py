@@ -13,11 +13,13 @@ from fusionnet.blocks.grid import (
     Scene,
     Shape,
 )
+from fusionnet.blocks.planner import HOLDING_HEIGHT, apply, plan
 
 __all__ = [
     "BLOCK_SIZE",
     "CLASS_NAMES",
     "GRID",
+    "HOLDING_HEIGHT",
     "Block",
     "Cell",
     "Color",
@@ -26,4 +28,6 @@ __all__ = [
     "Move",
     "Scene",
     "Shape",
+    "apply",
+    "plan",
 ]

@@ -32,7 +32,7 @@ class Cell(NamedTuple):
     z: int
 
     @property
-    def index(self) -> int:
+    def index(self) -> int:  # type: ignore[override]
         """Position in a flattened (x, y, z) array of 512 cells."""
         return (self.x * GRID + self.y) * GRID + self.z
 
@@ -92,9 +92,23 @@ class Layout:
         """The block in a cell, if there is one."""
         return next((b for b in self.blocks if b.cell == cell), None)
 
+    @property
+    def resting(self) -> frozenset[Block]:
+        """All blocks but the held one."""
+        held = self.held
+        return frozenset(block for block in self.blocks if block is not held)
+
     def same_blocks(self, other: "Layout") -> bool:
-        """Whether both hold the same blocks in the same cells, and the same block or none held."""
-        return set(self.blocks) == set(other.blocks) and self.held == other.held
+        """Whether both hold the same blocks in the same cells, and hold alike.
+
+        The level at which a block is held does not count: in the treebank it
+        follows no rule.
+        """
+        mine, its = self.held, other.held
+        if mine is None or its is None:
+            return mine is its and set(self.blocks) == set(other.blocks)
+        alike = (mine.color, mine.shape, mine.cell[:2]) == (its.color, its.shape, its.cell[:2])
+        return alike and self.resting == other.resting
 
 
 @dataclass(frozen=True)

@@ -187,7 +187,9 @@ def _commands(
             continue
         parts = line.split("\t", 2)
         if len(parts) != 3 or not (parts[0].isdigit() and parts[1].isdigit()):
-            found = f"expected 'id', 'scene' and the sentence with tabs between, found {line[:60]!r}"
+            found = (
+                f"expected 'id', 'scene' and the sentence with tabs between, found {line[:60]!r}"
+            )
             faults.found(path, number, found)
             continue
         command, scene = int(parts[0]), int(parts[1])

@@ -1,5 +1,6 @@
 """Robot Command Language: typed trees, their text form, and what they say in plain English."""
 
+from fusionnet.rcl.english import describe, outline
 from fusionnet.rcl.text import LEAF_VALUES, format, parse
 from fusionnet.rcl.tree import (
     Entity,
@@ -29,7 +30,9 @@ __all__ = [
     "SpatialRelation",
     "Tree",
     "Type",
+    "describe",
     "events",
     "format",
+    "outline",
     "parse",
 ]

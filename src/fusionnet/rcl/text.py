@@ -295,14 +295,14 @@ def _write(node: Any, tokens: bool) -> Iterator[str]:
                 yield " "
                 yield from _write(entity, tokens)
         case Entity():
-            leaves = [("id", node.id)]
+            leaves: list[tuple[str, Leaf[Any] | None]] = [("id", node.id)]
             leaves += [("indicator", leaf) for leaf in node.indicators]
             leaves += [("cardinal", node.cardinal)]
             leaves += [("color", leaf) for leaf in node.colors]
             leaves += [("type", node.type), ("reference-id", node.reference_id)]
             written = (_write_leaf(name, leaf, tokens) for name, leaf in leaves if leaf is not None)
             yield "(entity: " + " ".join(written)
-            for relation in node.relations:
+            for spatial_relation in node.relations:
                 yield " "
-                yield from _write(relation, tokens)
+                yield from _write(spatial_relation, tokens)
     yield ")"

@@ -1,0 +1,326 @@
+"""What an entity of a tree stands for in a layout: blocks, stacks of cubes, or places.
+
+The meanings below are those with which all 2,500 trees of the treebank execute
+to the recorded layout:
+
+* A stack, or a group of cubes, is the lower part of a column of at least two
+  cubes that has exactly the colours that are named. Where no column fits, a
+  group may be one cube.
+* "Above" a stack is the block that rests on it; where none does, its top cube.
+* "Above" or "within" a side of the board is whatever lies nearest to that side.
+* "Front" is the board's far side and "forward" leads there; "nearest" without
+  a landmark is nearest to the robot.
+* Superlatives (nearest, leftmost, ...) choose among what type, colour and
+  "single" have left over; those equally near all stay.
+"""
+
+import math
+from collections.abc import Iterable, Mapping
+
+from fusionnet.blocks.grid import GRID, Block, Cell, Color, Layout, Shape
+from fusionnet.errors import PlanningError
+from fusionnet.rcl import Entity, Indicator, Relation, SpatialRelation, Type
+from fusionnet.rcl.english import describe, describe_relation
+
+Column = tuple[int, int]
+"""The (x, y) of a column of cells."""
+
+SOFTENED: Mapping[Color, Color] = {
+    **{color: color for color in Color},
+    Color.CYAN: Color.BLUE,
+    Color.WHITE: Color.GRAY,
+}
+"""Colours that people confuse, by one name each: cyan with blue, white with gray."""
+
+EXACT: Mapping[Color, Color] = {color: color for color in Color}
+"""Every colour by its own name."""
+
+STEPS: Mapping[Relation, Column] = {
+    Relation.LEFT: (0, 1),
+    Relation.RIGHT: (0, -1),
+    Relation.FORWARD: (1, 0),
+    Relation.FRONT: (1, 0),
+    Relation.BACKWARD: (-1, 0),
+}
+"""One square in a direction."""
+
+_FAR = GRID - 1
+_SHAPES = {Type.CUBE: Shape.CUBE, Type.PRISM: Shape.PRISM}
+_PLACES = (Type.CORNER, Type.EDGE, Type.REGION, Type.BOARD, Type.ROBOT)
+_STACKS = (Type.STACK, Type.CUBE_GROUP, Type.TYPE_REFERENCE_GROUP)
+
+
+class Thing:
+    """One thing that an entity may stand for.
+
+    Attributes:
+        cells: Its cells; of a stack from the bottom to the top. A place has the
+            cells at z = -1 below its squares.
+        blocks: How many blocks it consists of; 0 for a place.
+    """
+
+    __slots__ = ("blocks", "cells")
+
+    def __init__(self, cells: tuple[Cell, ...], blocks: int) -> None:
+        self.cells = cells
+        self.blocks = blocks
+
+
+def squares(columns: Iterable[Column]) -> Thing:
+    """A place: some squares of the board."""
+    return Thing(tuple(Cell(x, y, -1) for x, y in columns), 0)
+
+
+_CENTER = squares([(x, y) for x in (3, 4) for y in (3, 4)])
+_BOARD = squares([(x, y) for x in range(GRID) for y in range(GRID)])
+_ROBOT = squares([(-1, y) for y in range(GRID)])
+_CORNERS = {(x, y): squares([(x, y)]) for x in (0, _FAR) for y in (0, _FAR)}
+_EDGES = {
+    Indicator.FRONT: squares([(_FAR, y) for y in range(GRID)]),
+    Indicator.BACK: squares([(0, y) for y in range(GRID)]),
+    Indicator.LEFT: squares([(x, _FAR) for x in range(GRID)]),
+    Indicator.RIGHT: squares([(x, 0) for x in range(GRID)]),
+}
+
+
+def places(entity: Entity) -> list[Thing]:
+    """The places that a corner, edge, region, board or robot may stand for."""
+    kind = entity.type.value
+    said = [leaf.value for leaf in entity.indicators]
+    if kind is Type.BOARD:
+        return [_BOARD]
+    if kind is Type.ROBOT:
+        return [_ROBOT]
+    if kind is Type.REGION and Indicator.CENTER in said:
+        return [_CENTER]
+    sides = [side for side in said if side in _EDGES]
+    if kind is Type.EDGE or (kind is Type.REGION and len(sides) == 1):
+        return [_EDGES[side] for side in sides] or list(_EDGES.values())
+    if kind is Type.REGION and not sides:
+        return [_BOARD]
+    return [
+        place
+        for column, place in _CORNERS.items()
+        if all(Cell(*column, -1) in _EDGES[side].cells for side in sides)
+    ]
+
+
+def distance(one: Thing, other: Thing) -> float:
+    """Between the nearest squares of two things, in squares, on the board."""
+    if len(one.cells) == 1 and len(other.cells) == 1:
+        (ax, ay, _), (bx, by, _) = one.cells[0], other.cells[0]
+        return math.hypot(ax - bx, ay - by)
+    return min(math.hypot(a.x - b.x, a.y - b.y) for a in one.cells for b in other.cells)
+
+
+class Grounding:
+    """A layout, indexed, in which entities are looked up.
+
+    Args:
+        layout: Where to look.
+        color_names: By which name each colour goes: `EXACT` or `SOFTENED`.
+
+    Attributes:
+        columns: The resting blocks of every column that has any, from the bottom up.
+        held: The block in the gripper, if there is one.
+        moved: The block that is being moved, once it is known: nothing rests on it.
+        named: What entities with an `id` stand for.
+    """
+
+    def __init__(self, layout: Layout, color_names: Mapping[Color, Color] = EXACT) -> None:
+        self.layout = layout
+        self.color_names = color_names
+        self.held = layout.held
+        self.moved: Block | None = None
+        self.named: dict[int, tuple[Type, list[Thing]]] = {}
+        self.columns: dict[Column, list[Block]] = {}
+        for block in layout.blocks:
+            if block is not self.held:
+                x, y, _ = block.cell
+                self.columns.setdefault((x, y), []).append(block)
+        for column in self.columns.values():
+            column.sort(key=lambda block: block.cell.z)
+
+    def find(
+        self, entity: Entity, among: Iterable[Block] | None = None, fewest: int = 2
+    ) -> list[Thing]:
+        """Everything that the entity may stand for: at least one thing.
+
+        Args:
+            entity: What is looked for.
+            among: The only blocks that it may be; by default every block.
+            fewest: Number of cubes that a stack or group has at least.
+
+        Raises:
+            PlanningError: If there is no such thing.
+        """
+        kind = entity.type.value
+        reference = entity.reference_id
+        if reference is not None and reference.value not in self.named:
+            raise PlanningError(
+                f"'{describe(entity)}' refers to something that was not named before."
+            )
+        if kind is Type.REFERENCE:
+            if reference is None:
+                raise PlanningError("'it' refers to nothing.")
+            return self.named[reference.value][1]
+        if kind in (Type.TYPE_REFERENCE, Type.TYPE_REFERENCE_GROUP):
+            if reference is None:
+                raise PlanningError(f"'{describe(entity)}' does not say what kind of thing it is.")
+            kind = self.named[reference.value][0]
+        if entity.id is not None:
+            self.named[entity.id.value] = (kind, [])
+        found = self._of_type(kind, entity, among, fewest)
+        if not found:
+            bare = Entity(entity.type, entity.colors, cardinal=entity.cardinal)
+            raise PlanningError(f"There is no {describe(bare).removeprefix('the ')} here.")
+        for relation in entity.relations:
+            found = self._related(found, relation, entity)
+        if kind not in _PLACES and entity.indicators:
+            found = self._indicated(found, entity)
+        if entity.id is not None:
+            self.named[entity.id.value] = (kind, found)
+        return found
+
+    def _of_type(
+        self, kind: Type, entity: Entity, among: Iterable[Block] | None, fewest: int
+    ) -> list[Thing]:
+        """What has the right type, colours and number."""
+        if kind in _PLACES:
+            return places(entity)
+        names = self.color_names
+        if kind in _SHAPES:
+            shape = _SHAPES[kind]
+            if entity.cardinal is not None and entity.cardinal.value != 1:
+                raise PlanningError(
+                    f"'{describe(entity)}' is more than one block; name one block at a time."
+                )
+            blocks = self.layout.blocks if among is None else among
+            if not entity.colors:
+                return [Thing((block.cell,), 1) for block in blocks if block.shape is shape]
+            # Several colours of one block cannot all hold: any may ("red or orange").
+            said = {names[leaf.value] for leaf in entity.colors}
+            return [
+                Thing((block.cell,), 1)
+                for block in blocks
+                if block.shape is shape and names[block.color] in said
+            ]
+        if kind not in _STACKS:
+            raise PlanningError(
+                f"'{describe(entity)}' is nothing that could be found on the board."
+            )
+        said = {names[leaf.value] for leaf in entity.colors}
+        number = None if entity.cardinal is None else entity.cardinal.value
+        stacks = self._stacks(said, number, fewest)
+        if not stacks and kind is not Type.STACK:
+            return self._stacks(said, number, 1)
+        return stacks
+
+    def _stacks(self, colors: set[Color], number: int | None, fewest: int) -> list[Thing]:
+        """Lower parts of columns with exactly these colours; without any, whole columns."""
+        found = []
+        for column in self.columns.values():
+            cells: tuple[Cell, ...] = ()
+            seen = set()
+            whole = sum(b.shape is Shape.CUBE and b is not self.moved for b in column)
+            for block in column[:whole]:
+                cells += (block.cell,)
+                seen.add(self.color_names[block.color])
+                height = len(cells)
+                fits = seen == colors if colors else height == whole
+                if fits and height >= fewest and (number is None or number == height):
+                    found.append(Thing(cells, height))
+        return found
+
+    def _related(
+        self, found: list[Thing], relation: SpatialRelation, entity: Entity
+    ) -> list[Thing]:
+        """Those that lie to the landmark as the relation says."""
+        landmark = relation.entity
+        if landmark is None:  # "two squares forward" describes no thing
+            return found
+        landmarks = self.find(landmark)
+        kind = relation.relation.value
+        side = landmark.type.value is Type.REGION and landmarks[0] is not _CENTER
+        if kind is Relation.NEAREST or (side and kind in (Relation.ABOVE, Relation.WITHIN)):
+            kept = self._nearest(found, landmarks)
+        else:
+            reach = 1
+            if relation.measure is not None and relation.measure.entity.cardinal is not None:
+                reach = relation.measure.entity.cardinal.value
+            kept = [t for t in found if any(_lies(t, kind, mark, reach) for mark in landmarks)]
+            if not kept and kind is Relation.ABOVE:
+                # "The red cube on the red stack" may be the stack's own top cube.
+                tops = {mark.cells[-1] for mark in landmarks if mark.blocks > 1}
+                kept = [thing for thing in found if thing.cells[-1] in tops]
+            if not kept and landmark.type.value is Type.CUBE_GROUP:
+                singles = self.find(landmark, fewest=1)
+                kept = [t for t in found if any(_lies(t, kind, mark, reach) for mark in singles)]
+        if not kept:
+            bare = Entity(entity.type, entity.colors, entity.indicators, entity.cardinal)
+            raise PlanningError(f"No {_said(bare)} is {describe_relation(relation)}.")
+        return kept
+
+    def _nearest(self, found: list[Thing], landmarks: list[Thing]) -> list[Thing]:
+        """Those at the least distance from any landmark other than themselves."""
+        best = math.inf
+        kept: list[Thing] = []
+        for thing in found:
+            away = min(
+                (distance(thing, mark) for mark in landmarks if mark.cells != thing.cells),
+                default=math.inf,
+            )
+            if away < best:
+                best, kept = away, [thing]
+            elif away == best < math.inf:
+                kept.append(thing)
+        return kept
+
+    def _indicated(self, found: list[Thing], entity: Entity) -> list[Thing]:
+        """Those that the indicators choose."""
+        said = [leaf.value for leaf in entity.indicators]
+        if Indicator.INDIVIDUAL in said:
+            found = [thing for thing in found if len(self.columns.get(thing.cells[0][:2], ())) == 1]
+            if not found:
+                raise PlanningError(f"No {_said(entity)} stands by itself.")
+        for indicator in said:
+            if indicator is Indicator.CENTER:
+                found = self._nearest(found, [_CENTER])
+            elif indicator is not Indicator.INDIVIDUAL:
+                axis, sign = _ORDER[indicator]
+                least = min(sign * thing.cells[0][axis] for thing in found)
+                found = [thing for thing in found if sign * thing.cells[0][axis] == least]
+        return found
+
+
+_ORDER = {
+    Indicator.LEFT: (1, -1),
+    Indicator.LEFTMOST: (1, -1),
+    Indicator.RIGHT: (1, 1),
+    Indicator.RIGHTMOST: (1, 1),
+    Indicator.FRONT: (0, -1),
+    Indicator.BACK: (0, 1),
+    Indicator.NEAREST: (0, 1),
+}
+"""Superlatives: the coordinate, and by which sign the chosen one is the least."""
+
+
+def _lies(thing: Thing, kind: Relation, mark: Thing, reach: int) -> bool:
+    """Whether a thing lies to a landmark as a relation (not "nearest") says."""
+    x, y, z = thing.cells[0]
+    if kind is Relation.ABOVE or kind is Relation.WITHIN:
+        if mark.blocks:
+            return mark.cells[-1] == (x, y, z - 1)
+        if mark is _BOARD:
+            return z == 0
+        return (x, y, -1) in mark.cells
+    if kind is Relation.ADJACENT:
+        if mark.blocks:
+            return distance(thing, mark) == 1
+        return distance(thing, mark) == 0
+    dx, dy = STEPS[kind]
+    return any(c.x + reach * dx == x and c.y + reach * dy == y for c in mark.cells)
+
+
+def _said(entity: Entity) -> str:
+    return describe(entity).removeprefix("the ")
