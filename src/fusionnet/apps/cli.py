@@ -1,0 +1,169 @@
+"""The command line: one table of commands, each a function with one typed configuration.
+
+A command's module is imported only when it is asked for, so that `fusionnet --help`
+answers at once. tyro turns the configuration into options; the work is in the library.
+"""
+
+import dataclasses
+import importlib
+import json
+import logging
+import os
+import sys
+import traceback
+import typing
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
+
+from fusionnet.catalogue import did_you_mean
+from fusionnet.errors import FusionNetError
+
+EXIT_REACHED = 0
+EXIT_MISSED = 1
+EXIT_BAD_INPUT = 2
+EXIT_BUG = 3
+EXIT_INTERRUPTED = 130
+
+
+class Entry(NamedTuple):
+    """One command: what it does, and the function that does it as `module:name`."""
+
+    summary: str
+    function: str
+
+
+COMMANDS = {
+    "run": Entry("look, read, and move a block: the main job", "fusionnet.apps.run:run"),
+    "doctor": Entry("say what works on this machine", "fusionnet.apps.doctor:doctor"),
+    "evaluate policy": Entry(
+        "executed success and joint error of a policy", "fusionnet.apps.evaluate:policy"
+    ),
+    "evaluate translator": Entry(
+        "sentences read exactly, and read well enough", "fusionnet.apps.evaluate:translator"
+    ),
+    "evaluate detector": Entry(
+        "blocks found through the robot's eyes", "fusionnet.apps.evaluate:detector"
+    ),
+    "train detector": Entry("pictures to blocks", "fusionnet.training.detector:train"),
+    "train translator": Entry("sentences to trees", "fusionnet.training.translator:train"),
+    "train fusion": Entry("both to joint angles", "fusionnet.training.fusion:train"),
+    "robot table": Entry("make a robot's table of joint angles", "fusionnet.apps.robot:table"),
+}
+
+HELP = """\
+usage: fusionnet COMMAND [options]
+
+A robot looks at a table of coloured blocks, reads one English sentence, and moves
+the block. It shows why: what it saw, what it understood, where it will reach.
+
+  fusionnet run "put the red pyramid on the blue cube"
+
+commands:
+{commands}
+
+fusionnet COMMAND --help    the options of one command
+fusionnet --version         the version of this package
+
+exit status: 0 done; 1 the block did not end where it was asked to; 2 an input cannot
+be used (one line says why); 3 a bug of ours.
+"""
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run one command; the exit status is returned, never raised.
+
+    Args:
+        arguments: The words after `fusionnet`; by default those of this process.
+    """
+    arguments = list(sys.argv[1:] if arguments is None else arguments)
+    logging.basicConfig(level=logging.WARNING, format="%(levelname)s: %(message)s")
+    try:
+        return _main(arguments)
+    except FusionNetError as error:
+        print(f"fusionnet: {' '.join(str(error).split())}", file=sys.stderr)
+        return EXIT_BAD_INPUT
+    except KeyboardInterrupt:
+        print("fusionnet: interrupted", file=sys.stderr)
+        return EXIT_INTERRUPTED
+    except BrokenPipeError:  # the reader of our output went away, as in `fusionnet ... | head`
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return EXIT_REACHED
+    except Exception:
+        traceback.print_exc()
+        print("fusionnet: this is a bug in FusionNet, please report it", file=sys.stderr)
+        return EXIT_BUG
+
+
+def _main(arguments: list[str]) -> int:
+    if not arguments or arguments[0] in ("-h", "--help", "help"):
+        print(_help(), end="")
+        return EXIT_REACHED
+    if arguments[0] == "--version":
+        print(f"fusionnet {importlib.import_module('importlib.metadata').version('fusionnet')}")
+        return EXIT_REACHED
+    name, rest = _command(arguments)
+    if name is None:
+        return EXIT_BAD_INPUT
+    module, _, function_name = COMMANDS[name].function.partition(":")
+    return _call(getattr(importlib.import_module(module), function_name), name, rest)
+
+
+def _help() -> str:
+    width = max(map(len, COMMANDS)) + 2
+    lines = (f"  {name:<{width}}{entry.summary}" for name, entry in COMMANDS.items())
+    return HELP.format(commands="\n".join(lines))
+
+
+def _command(arguments: list[str]) -> tuple[str | None, list[str]]:
+    """The command that the words begin with (one or two of them), and the words after it."""
+    for length in (2, 1):
+        name = " ".join(arguments[:length])
+        if name in COMMANDS:
+            return name, arguments[length:]
+    first = arguments[0]
+    family = [name for name in COMMANDS if name.startswith(f"{first} ")]
+    if family:
+        wanted = arguments[1] if len(arguments) > 1 and arguments[1][0] != "-" else ""
+        known = [name.partition(" ")[2] for name in family]
+        said = f"cannot {first} {wanted!r}" if wanted else f"{first} what?"
+        hint = did_you_mean(wanted, known)
+    else:
+        known = list(dict.fromkeys(name.partition(" ")[0] for name in COMMANDS))
+        said, hint = f"no command called {first!r}", did_you_mean(first, known)
+    print(f"fusionnet: {said}; available: {', '.join(known)}.{hint}", file=sys.stderr)
+    return None, []
+
+
+def _call(function: Callable[[Any], Any], name: str, arguments: list[str]) -> int:
+    """Make the function's configuration from the options, and call it.
+
+    A function that returns a number returned its exit status; what else one returns
+    (a metric, a path) is printed as JSON.
+    """
+    import tyro
+
+    config_type = typing.get_type_hints(function)["config"]
+    try:
+        config = tyro.cli(
+            config_type,
+            args=arguments,
+            prog=f"fusionnet {name}",
+            description=f"{(function.__doc__ or COMMANDS[name].summary).strip()}",
+            config=(tyro.conf.FlagCreatePairsOff,),
+        )
+    except SystemExit as exit_:  # tyro has said what was wrong, or printed the help
+        return exit_.code if isinstance(exit_.code, int) else EXIT_BAD_INPUT
+    result = function(config)
+    if isinstance(result, int):
+        return result
+    if result is not None:
+        print(json.dumps(_as_json(result), indent=1))
+    return EXIT_REACHED
+
+
+def _as_json(result: Any) -> Any:
+    if hasattr(result, "as_json"):
+        return result.as_json()
+    if dataclasses.is_dataclass(result) and not isinstance(result, type):
+        return dataclasses.asdict(result)
+    return result if isinstance(result, dict | list | float) else str(result)

@@ -1,0 +1,258 @@
+"""A page that shows one run: what the robot saw, understood and did.
+
+Everything is inside the one file, so that it can be sent and kept: no scripts, no
+external resources; it follows the reader's light or dark setting.
+"""
+
+import base64
+import io
+import json
+from collections import Counter
+from html import escape
+from importlib import resources
+from typing import Any
+
+import numpy as np
+from PIL import Image
+
+from fusionnet import rcl, robots
+from fusionnet.apps import tree_drawing
+from fusionnet.apps.board_drawing import board_svg
+from fusionnet.apps.drawing import PAINT, Box, hexadecimal
+from fusionnet.apps.run_record import RunRecord
+
+
+def page(
+    record: RunRecord, *, seen: np.ndarray, tree_svg: str, video: bytes, document: dict[str, Any]
+) -> str:
+    """The whole page as HTML.
+
+    Args:
+        record: What happened.
+        seen: The picture with its boxes drawn, RGB.
+        tree_svg: The tree's picture, as `draw_tree` wrote it.
+        video: The episode, as mp4.
+        document: What result.json holds.
+    """
+    style = resources.files("fusionnet.apps").joinpath("page.css").read_text("utf-8")
+    sections = [
+        _saw(record, seen),
+        _did(record, video),
+        _understood(record, tree_svg),
+        _boards(record),
+        _answered(record),
+        _reckoned(record),
+        _provenance(document),
+    ]
+    return f"""<!DOCTYPE html>
+<html lang="en">
+<head>
+<meta charset="utf-8">
+<meta name="viewport" content="width=device-width, initial-scale=1">
+<title>{escape(record.sentence)} · FusionNet</title>
+<style>
+{style}</style>
+</head>
+<body>
+<main>
+{_header(record)}
+<div class="grid">
+{"".join(sections)}
+</div>
+<footer>Written by fusionnet {escape(document["versions"]["fusionnet"])}. Cells are (x, y, z):
+x 0 is nearest the robot, y 0 right-most in its view, z 0 on the table.</footer>
+</main>
+</body>
+</html>
+"""
+
+
+def _header(record: RunRecord) -> str:
+    kind = {True: "good", False: "bad", None: ""}[record.episode.success]
+    milliseconds = record.answer.milliseconds
+    total = milliseconds.get("total", sum(milliseconds.values()))
+    facts = [
+        ("policy", record.policy),
+        ("robot", record.robot),
+        ("scene", record.origin),
+        ("answered in", f"{total:.0f} ms"),
+    ]
+    listed = "".join(f"<li>{escape(name)} <b>{escape(value)}</b></li>" for name, value in facts)
+    return f"""<header>
+<div class="name">FusionNet</div>
+<h1>{escape(record.sentence)}</h1>
+<div class="verdict {kind}">{escape(record.verdict)}</div>
+<ul class="facts">{listed}</ul>
+</header>"""
+
+
+def _saw(record: RunRecord, seen: np.ndarray) -> str:
+    height, width = record.picture.shape[:2]
+    boxes = "".join(_hover(box) for box in reversed(record.boxes))
+    counts = Counter((box.class_name, box.label, box.color) for box in record.boxes)
+    chips = "".join(
+        f'<li><i class="{name.partition("_")[0]}" style="background:{hexadecimal(PAINT[color])}">'
+        f"</i>{escape(label)}{f' × {count}' if count > 1 else ''}</li>"
+        for (name, label, color), count in sorted(counts.items())
+    )
+    number = len(record.boxes)
+    return f"""<section class="half">
+<h2>What it saw</h2>
+<p>{number} block{"" if number == 1 else "s"} in the picture; point at one for its score.</p>
+<div class="picture"><img src="{_webp(seen)}" alt="The picture with a box around every block found">
+<svg viewBox="0 0 {width} {height}" preserveAspectRatio="none">{boxes}</svg></div>
+<ul class="chips">{chips}</ul>
+</section>
+"""
+
+
+def _hover(box: Box) -> str:
+    left, top, right, bottom = box.corners
+    return (
+        f'<rect x="{left:.1f}" y="{top:.1f}" width="{right - left:.1f}" '
+        f'height="{bottom - top:.1f}"><title>{escape(box.label)}, {box.score:.0%}</title></rect>'
+    )
+
+
+def _did(record: RunRecord, video: bytes) -> str:
+    data = base64.b64encode(video).decode("ascii")
+    return f"""<section class="half">
+<h2>What it did</h2>
+<p>{escape(str(record.episode.reason))}</p>
+<div class="picture"><video controls autoplay muted loop playsinline
+src="data:video/mp4;base64,{data}">Your browser shows no video; see episode.mp4.</video></div>
+</section>
+"""
+
+
+def _understood(record: RunRecord, tree_svg: str) -> str:
+    tree = record.answer.tree
+    readings = "".join(
+        f"<tr><td>{escape(rcl.describe(reading.tree))}</td>"
+        f'<td class="number">{reading.probability:.1%}</td>'
+        f'<td class="wide">{_bar(reading.probability)}</td></tr>'
+        for reading in record.answer.readings
+    )
+    others = (
+        f"<details><summary>All readings that were considered, with their probabilities</summary>"
+        f'<div class="scroll"><table>{readings}</table></div></details>'
+        if len(record.answer.readings) > 1
+        else ""
+    )
+    return f"""<section>
+<h2>What it understood</h2>
+<p class="said">{escape(rcl.describe(tree))}</p>
+<div class="scroll">{_themed(tree_svg)}</div>
+<details open><summary>As Robot Command Language</summary>
+<pre>{escape(rcl.format(tree))}</pre></details>
+{others}</section>
+"""
+
+
+def _themed(tree_svg: str) -> str:
+    """The tree's picture without its own background, in the colours of the page."""
+    svg = tree_svg[tree_svg.index("<svg") :]
+    for color, name in (
+        (tree_drawing.INK, "--ink"),
+        (tree_drawing.SOFT, "--soft"),
+        (tree_drawing.LINE, "--soft"),
+        (tree_drawing.PAPER, "--card"),
+    ):
+        svg = svg.replace(color, f"var({name})")
+    return svg.replace("'DejaVu Sans'", "inherit")
+
+
+def _boards(record: RunRecord) -> str:
+    answer = record.answer
+    figures = [(answer.layout, answer.move, "as the network read the picture")]
+    if not record.layout_is_read:
+        figures.append((record.layout, None, "as it was"))
+    figures.append((record.episode.layout_after, None, "after the episode"))
+    drawn = "".join(
+        f"<figure>{board_svg(layout, move=move, title=caption)}"
+        f"<figcaption>{caption}</figcaption></figure>"
+        for layout, move, caption in figures
+    )
+    said = (
+        "The arrow is the move that planner and table make of it."
+        if answer.move is not None
+        else "No move could be planned in the layout as it was read."
+    )
+    return f"""<section>
+<h2>The board</h2>
+<p>{said}</p>
+<div class="boards">{drawn}</div>
+</section>
+"""
+
+
+def _answered(record: RunRecord) -> str:
+    robot = robots.load(record.robot)
+    answer = record.answer
+    rows = []
+    for i, name in enumerate(robot.joint_names):
+        low, high = (float(v) for v in robot.joint_limits[i])
+        grasp, place = float(answer.grasp.joint_angles[i]), float(answer.place.joint_angles[i])
+        marks = "".join(
+            f'<i class="{kind}" style="left:{_percent(value, low, high):.1f}%"></i>'
+            for kind, value in (("grasp", grasp), ("place", place))
+        )
+        rows.append(
+            f'<tr><td>{escape(name)}</td><td class="number">{np.degrees(grasp):.1f}°</td>'
+            f'<td class="number">{np.degrees(place):.1f}°</td>'
+            f'<td class="wide"><div class="track">{marks}</div></td>'
+            f'<td class="number">{np.degrees(low):.0f}° … {np.degrees(high):.0f}°</td></tr>'
+        )
+    states = ["closed" if pose.gripper >= 0.5 else "open" for pose in (answer.grasp, answer.place)]
+    rows.append(
+        f'<tr><td>gripper before, after</td><td class="number">{states[0]}</td>'
+        f'<td class="number">{states[1]}</td><td></td><td></td></tr>'
+    )
+    return f"""<section class="half">
+<h2>What it answered</h2>
+<p>The arm's joint angles for the grasp and for the place, within their limits.</p>
+<table><tr><th>joint</th><th class="number"><span class="key"></span>grasp</th>
+<th class="number"><span class="key place"></span>place</th><th></th>
+<th class="number">limits</th></tr>{"".join(rows)}</table>
+</section>
+"""
+
+
+def _reckoned(record: RunRecord) -> str:
+    milliseconds = dict(record.answer.milliseconds)
+    total = milliseconds.pop("total", sum(milliseconds.values()))
+    rows = "".join(
+        f'<tr><td>{escape(stage.replace("_", " "))}</td><td class="number">{value:.0f} ms</td>'
+        f'<td class="wide">{_bar(value / total if total else 0)}</td></tr>'
+        for stage, value in milliseconds.items()
+    )
+    return f"""<section class="half">
+<h2>How long, how sure</h2>
+<p>{total:.0f} ms to answer; confidence in the move {record.answer.confidence:.0%}.</p>
+<table>{rows}</table>
+</section>
+"""
+
+
+def _provenance(document: dict[str, Any]) -> str:
+    text = json.dumps({k: v for k, v in document.items() if k != "answer"}, indent=1)
+    return f"""<section>
+<h2>Everything, as numbers</h2>
+<p>result.json beside this page holds this and the whole answer.</p>
+<details><summary>Show</summary><pre>{escape(text)}</pre></details>
+</section>
+"""
+
+
+def _bar(share: float) -> str:
+    return f'<div class="bar"><i style="width:{100 * min(max(share, 0), 1):.1f}%"></i></div>'
+
+
+def _percent(value: float, low: float, high: float) -> float:
+    return 100 * min(max((value - low) / (high - low), 0), 1)
+
+
+def _webp(image: np.ndarray) -> str:
+    buffer = io.BytesIO()
+    Image.fromarray(image).save(buffer, "webp", quality=88)
+    return f"data:image/webp;base64,{base64.b64encode(buffer.getvalue()).decode('ascii')}"

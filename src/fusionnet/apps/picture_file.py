@@ -1,0 +1,64 @@
+"""A picture from a file, after everything that can be wrong with one has been ruled out.
+
+The header is read first, so that a file of a few bytes which would unpack to gigabytes
+(a decompression bomb) is refused before anything is unpacked.
+"""
+
+import warnings
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import UInt8
+from PIL import Image, ImageOps, UnidentifiedImageError
+
+from fusionnet.errors import InputError
+
+FORMATS = ("PNG", "JPEG", "WEBP", "BMP")
+SMALLEST_SIDE = 64
+"""Pixels: below this no block of the board has a shape."""
+
+MOST_PIXELS = 40_000_000
+MOST_BYTES = 200 * 2**20
+
+
+def read_picture(path: Path) -> UInt8[np.ndarray, "h w 3"]:
+    """The picture in a file, as RGB, turned the way its camera was held.
+
+    Raises:
+        InputError: If there is no such file, or it is no picture, or one that is
+            damaged, too small or too large; the message says which.
+    """
+    if not path.exists():
+        raise InputError(f"There is no picture {path}.")
+    if not path.is_file():
+        raise InputError(f"{path} is not a file; expected a picture ({', '.join(FORMATS)}).")
+    if path.stat().st_size > MOST_BYTES:
+        raise InputError(f"The picture {path} has more than {MOST_BYTES // 2**20} MiB.")
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", Image.DecompressionBombWarning)  # we refuse below
+            picture = Image.open(path, formats=FORMATS)
+        with picture:
+            _check_size(path, *picture.size)
+            upright = ImageOps.exif_transpose(picture).convert("RGB")
+    except UnidentifiedImageError:
+        raise InputError(f"{path} is not a picture; expected {', '.join(FORMATS)}.") from None
+    except Image.DecompressionBombError:
+        raise InputError(f"The picture {path} is too large: {_limits()}.") from None
+    except (OSError, ValueError, SyntaxError, EOFError) as error:
+        raise InputError(f"The picture {path} is damaged: {error}.") from None
+    return np.asarray(upright)
+
+
+def _check_size(path: Path, width: int, height: int) -> None:
+    if min(width, height) < SMALLEST_SIDE:
+        raise InputError(f"The picture {path} is too small, {width} x {height}: {_limits()}.")
+    if width * height > MOST_PIXELS:
+        raise InputError(f"The picture {path} is too large, {width} x {height}: {_limits()}.")
+
+
+def _limits() -> str:
+    return (
+        f"each side needs at least {SMALLEST_SIDE} pixels, and all of it at most "
+        f"{MOST_PIXELS // 10**6} million"
+    )

@@ -1,0 +1,169 @@
+"""Pictures that come in and folders that go out: whole, bounded, or refused in one line."""
+
+import errno
+import io
+import json
+import struct
+import warnings
+import zlib
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from fusionnet.apps.output_folder import RESULT_FILE, RESULT_KIND, check_writable, written_whole
+from fusionnet.apps.picture_file import read_picture
+from fusionnet.errors import InputError, OutputError
+
+
+def png_header(width: int, height: int) -> bytes:
+    """The beginning of a PNG that claims a size, and holds hardly any data."""
+
+    def chunk(name: bytes, data: bytes) -> bytes:
+        return (
+            struct.pack(">I", len(data)) + name + data + struct.pack(">I", zlib.crc32(name + data))
+        )
+
+    header = struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)
+    data = zlib.compress(b"\0" * 1000)
+    return (
+        b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", header) + chunk(b"IDAT", data) + chunk(b"IEND", b"")
+    )
+
+
+def encoded(size: tuple[int, int], form: str = "png", **options) -> bytes:
+    buffer = io.BytesIO()
+    Image.new("RGB", size, (10, 200, 30)).save(buffer, form, **options)
+    return buffer.getvalue()
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (b"", "is not a picture"),
+        (b"hello", "is not a picture"),
+        (b"%PDF-1.7 ...", "is not a picture"),
+        (encoded((1, 1)), "too small, 1 x 1"),
+        (encoded((200, 20)), "too small, 200 x 20"),
+        (png_header(20_000, 20_000), "too large"),
+        (png_header(9_000, 9_000), "too large, 9000 x 9000"),
+        (encoded((300, 300))[:-60], "is damaged"),
+        (encoded((300, 300), "jpeg")[:-300], "is damaged"),
+    ],
+)
+def test_bad_pictures_are_refused(content, message, tmp_path) -> None:
+    file = tmp_path / "picture.png"
+    file.write_bytes(content)
+    with pytest.raises(InputError, match=message):
+        read_picture(file)
+
+
+def test_a_bomb_is_refused_before_it_is_unpacked(tmp_path, monkeypatch) -> None:
+    def unpack(*_):
+        raise AssertionError("the picture was unpacked")
+
+    monkeypatch.setattr("PIL.ImageFile.ImageFile.load", unpack)
+    for side in (9_000, 20_000, 60_000):
+        file = tmp_path / "bomb.png"
+        file.write_bytes(png_header(side, side))
+        with pytest.raises(InputError, match="too large"):
+            read_picture(file)
+
+
+def test_missing_pictures_folders_and_devices_are_refused(tmp_path) -> None:
+    with pytest.raises(InputError, match="no picture"):
+        read_picture(tmp_path / "nowhere.png")
+    with pytest.raises(InputError, match="not a file"):
+        read_picture(tmp_path)
+    with pytest.raises(InputError, match="not a file"):
+        read_picture(Path("/dev/zero"))
+
+
+@pytest.mark.parametrize("mode", ["RGB", "RGBA", "L", "P", "1"])
+def test_pictures_of_every_mode_become_rgb(mode, tmp_path) -> None:
+    file = tmp_path / "picture.png"
+    Image.new("RGB", (100, 80), (255, 255, 255)).convert(mode).save(file)
+    picture = read_picture(file)
+    assert picture.shape == (80, 100, 3) and picture.dtype == np.uint8
+    assert (picture == 255).all()
+
+
+def test_pictures_are_turned_as_their_camera_was_held(tmp_path) -> None:
+    file = tmp_path / "picture.jpg"
+    exif = Image.Exif()
+    exif[0x0112] = 6  # rotated by a quarter
+    Image.new("RGB", (120, 70)).save(file, exif=exif)
+    assert read_picture(file).shape == (120, 70, 3)
+
+
+def finish(folder: Path, text: str = "new") -> None:
+    (folder / "page.html").write_text(text)
+    document = {"kind": RESULT_KIND, "files": ["page.html"]}
+    (folder / RESULT_FILE).write_text(json.dumps(document))
+
+
+def test_a_folder_is_there_whole(tmp_path) -> None:
+    out = tmp_path / "deep" / "out"
+    with written_whole(out) as folder:
+        finish(folder)
+        assert not out.exists()
+    assert sorted(f.name for f in out.iterdir()) == ["page.html", RESULT_FILE]
+    assert [f.name for f in out.parent.iterdir()] == ["out"]
+    assert out.stat().st_mode & 0o777 == 0o755
+
+
+def test_or_it_is_not_there_at_all(tmp_path) -> None:
+    with pytest.raises(RuntimeError), written_whole(tmp_path / "out") as folder:
+        finish(folder)
+        raise RuntimeError
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_full_disk_leaves_the_earlier_run(tmp_path) -> None:
+    out = tmp_path / "out"
+    with written_whole(out) as folder:
+        finish(folder, "old")
+    with pytest.raises(OutputError, match="No space left on device"), written_whole(out) as folder:
+        finish(folder, "new")
+        raise OSError(errno.ENOSPC, "No space left on device")
+    assert (out / "page.html").read_text() == "old"
+    assert [f.name for f in tmp_path.iterdir()] == ["out"]
+
+
+def test_an_earlier_run_is_replaced(tmp_path) -> None:
+    out = tmp_path / "out"
+    for text in ("old", "new"):
+        with written_whole(out) as folder:
+            finish(folder, text)
+    assert (out / "page.html").read_text() == "new"
+    assert [f.name for f in tmp_path.iterdir()] == ["out"]
+
+
+def test_other_files_are_never_replaced(tmp_path) -> None:
+    out = tmp_path / "out"
+    out.mkdir()
+    (out / "thesis.tex").write_text("years of work")
+    with pytest.raises(OutputError, match="holds other files"):
+        check_writable(out)
+    with written_whole(tmp_path / "run") as folder:
+        finish(folder)
+    (tmp_path / "run" / "notes.txt").write_text("mine")
+    with pytest.raises(OutputError, match="holds other files"):
+        check_writable(tmp_path / "run")
+
+
+@pytest.mark.parametrize("out", ["/proc/fusionnet", "/dev/null/fusionnet", "/dev/null"])
+def test_unwritable_places_are_refused_in_one_line(out) -> None:
+    with pytest.raises(OutputError) as refusal:
+        check_writable(Path(out))
+    assert "\n" not in str(refusal.value) and out in str(refusal.value)
+
+
+def test_no_warning_escapes_from_a_large_picture(tmp_path) -> None:
+    file = tmp_path / "picture.png"
+    file.write_bytes(png_header(10_000, 10_000))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        with pytest.raises(InputError):
+            read_picture(file)
