@@ -13,7 +13,15 @@ from fusionnet.blocks.grid import (
     Scene,
     Shape,
 )
+from fusionnet.blocks.layout_files import (
+    layout_from_json,
+    layout_to_json,
+    read_layout,
+    write_layout,
+)
 from fusionnet.blocks.planner import HOLDING_HEIGHT, apply, plan
+from fusionnet.blocks.random_layouts import random_layout
+from fusionnet.blocks.validation import validate
 
 __all__ = [
     "BLOCK_SIZE",
@@ -29,5 +37,11 @@ __all__ = [
     "Scene",
     "Shape",
     "apply",
+    "layout_from_json",
+    "layout_to_json",
     "plan",
+    "random_layout",
+    "read_layout",
+    "validate",
+    "write_layout",
 ]
