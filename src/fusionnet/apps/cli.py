@@ -6,6 +6,7 @@ answers at once. tyro turns the configuration into options; the work is in the l
 
 import dataclasses
 import importlib
+import inspect
 import json
 import logging
 import os
@@ -16,7 +17,7 @@ from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 from fusionnet.catalogue import did_you_mean
-from fusionnet.errors import FusionNetError
+from fusionnet.errors import FusionNetError, InputError
 
 EXIT_REACHED = 0
 EXIT_MISSED = 1
@@ -44,9 +45,9 @@ COMMANDS = {
     "evaluate detector": Entry(
         "blocks found through the robot's eyes", "fusionnet.apps.evaluate:detector"
     ),
-    "train detector": Entry("pictures to blocks", "fusionnet.training.detector:train"),
-    "train translator": Entry("sentences to trees", "fusionnet.training.translator:train"),
-    "train fusion": Entry("both to joint angles", "fusionnet.training.fusion:train"),
+    "train detector": Entry("pictures to blocks", "fusionnet.apps.train:detector"),
+    "train translator": Entry("sentences to trees", "fusionnet.apps.train:translator"),
+    "train fusion": Entry("both to joint angles", "fusionnet.apps.train:fusion"),
     "robot table": Entry("make a robot's table of joint angles", "fusionnet.apps.robot:table"),
 }
 
@@ -148,11 +149,13 @@ def _call(function: Callable[[Any], Any], name: str, arguments: list[str]) -> in
             config_type,
             args=arguments,
             prog=f"fusionnet {name}",
-            description=f"{(function.__doc__ or COMMANDS[name].summary).strip()}",
+            description=inspect.getdoc(function),
             config=(tyro.conf.FlagCreatePairsOff,),
         )
     except SystemExit as exit_:  # tyro has said what was wrong, or printed the help
         return exit_.code if isinstance(exit_.code, int) else EXIT_BAD_INPUT
+    except ValueError as error:  # a configuration refuses its values
+        raise InputError(str(error)) from error
     result = function(config)
     if isinstance(result, int):
         return result

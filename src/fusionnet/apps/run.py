@@ -14,11 +14,10 @@ from jaxtyping import UInt8
 
 from fusionnet.apps.output_folder import RESULT_FILE, check_writable, written_whole
 from fusionnet.apps.picture_file import read_picture
-from fusionnet.blocks import Layout, apply, plan, random_layout, read_layout, validate
+from fusionnet.blocks import Layout, apply, plan, read_layout, validate
 from fusionnet.catalogue import did_you_mean
 from fusionnet.corpora import Command, load_corpus
 from fusionnet.errors import InputError, PlanningError, UnknownNameError
-from fusionnet.randomness import generator
 from fusionnet.sentences import readable_words, words_of
 
 if TYPE_CHECKING:
@@ -83,14 +82,14 @@ class _Setting:
     """The world as it is before the command, as far as it is known.
 
     Attributes:
-        layout: None when only a picture is there.
-        recorded: The corpus's commands for the scene.
         origin: Where it came from, in words.
+        layout: The blocks; None when a seed or a picture stands for them.
+        recorded: The corpus's commands for the scene.
     """
 
-    layout: Layout | None
-    recorded: tuple[Command, ...]
     origin: str
+    layout: Layout | None = None
+    recorded: tuple[Command, ...] = ()
 
 
 def run(config: RunConfig) -> int:
@@ -147,12 +146,11 @@ def _setting(config: RunConfig) -> _Setting:
     if len(given) > 1:
         raise InputError(f"{' and '.join(given)} name two worlds; give one of them.")
     if config.image is not None:
-        return _Setting(None, (), f"picture {config.image.name}")
+        return _Setting(f"picture {config.image.name}")
     if config.layout is not None:
-        return _Setting(read_layout(config.layout), (), f"layout {config.layout.name}")
+        return _Setting(f"layout {config.layout.name}", read_layout(config.layout))
     if config.scene is None:
-        layout = random_layout(generator(config.seed, "run", "layout"))
-        return _Setting(layout, (), f"random, seed {config.seed}")
+        return _Setting(f"random, seed {config.seed}")
     corpus = load_corpus(config.corpus, config.data)
     if config.scene not in corpus.scenes:
         first, last = min(corpus.scenes, default=0), max(corpus.scenes, default=0)
@@ -162,7 +160,7 @@ def _setting(config: RunConfig) -> _Setting:
         )
     scene = corpus.scenes[config.scene]
     recorded = tuple(c for c in corpus.commands if c.scene.id == config.scene)
-    return _Setting(scene.before, recorded, f"{config.scene} of {config.corpus}")
+    return _Setting(f"{config.scene} of {config.corpus}", scene.before, recorded)
 
 
 def _look_and_act(
@@ -175,21 +173,20 @@ def _look_and_act(
     from fusionnet.apps.run_record import RunRecord
     from fusionnet.simulation import make_world
 
-    world = None
-    if setting.layout is not None:
+    expected, reference = None, None
+    if picture is None:
         with _timed(seconds, "world"):
             world = make_world(robot=config.robot, seed=config.seed, layout=setting.layout)
-            picture = world.image("left_eye")
-    assert picture is not None
-    with _timed(seconds, "answer"):
-        answer = policy(picture, config.sentence)
-    if world is None:
-        validate(answer.layout)
-        with _timed(seconds, "world"):
-            world = make_world(robot=config.robot, seed=config.seed, layout=answer.layout)
-        expected, reference = None, None
+            view = world.image("left_eye")
+        with _timed(seconds, "answer"):
+            answer = policy(view, config.sentence)
+        expected, reference = _expected(config.sentence, world.layout, setting.recorded, answer)
     else:
-        expected, reference = _expected(config.sentence, setting, answer)
+        view = picture
+        with _timed(seconds, "answer"):
+            answer = policy(view, config.sentence)
+        with _timed(seconds, "world"):
+            world = make_world(robot=config.robot, seed=config.seed, layout=_as_read(answer.layout))
     with _timed(seconds, "episode"):
         episode = world.execute(answer, expected=expected, record=True)
     return RunRecord(
@@ -198,11 +195,11 @@ def _look_and_act(
         robot=config.robot,
         origin=setting.origin,
         seed=config.seed,
-        picture=picture,
+        picture=view,
         answer=answer,
         episode=episode,
         layout=world.layout,
-        layout_is_read=setting.layout is None,
+        layout_is_read=picture is not None,
         expected=expected,
         reference=reference,
         seconds=seconds,
@@ -219,15 +216,14 @@ def _expected(sentence: str, setting: _Setting, answer: "Answer") -> tuple[Layou
         PlanningError: If no reading of the sentence can be executed there: it names no
             block that is there, or several.
     """
-    assert setting.layout is not None
     said = words_of(sentence).texts
-    for command in setting.recorded:
+    for command in recorded:
         if words_of(command.sentence).texts == said:
             return command.scene.after, "recorded"
     refusals = []
     for tree in (answer.tree, *(reading.tree for reading in answer.readings)):
         try:
-            return apply(plan(tree, setting.layout), setting.layout), "understood"
+            return apply(plan(tree, layout), layout), "understood"
         except PlanningError as refusal:
             refusals.append(refusal)
     raise refusals[0]
