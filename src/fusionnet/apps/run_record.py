@@ -1,6 +1,7 @@
 """All that one `fusionnet run` saw, understood and did, and what that amounts to."""
 
 import platform
+from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
 from typing import Any, Literal, Protocol
@@ -100,7 +101,7 @@ class RunRecord:
             return "Reached: every block stands where the corpus recorded it."
         return "Reached: every block stands where the command, as it was read, puts it."
 
-    def as_json(self, files: list[str]) -> dict[str, Any]:
+    def as_json(self, files: Sequence[str] = ()) -> dict[str, Any]:
         """The record without its pictures, as JSON values.
 
         Args:
@@ -129,7 +130,7 @@ class RunRecord:
             "episode": self.episode.as_json(),
             "seconds": {stage: round(value, 3) for stage, value in self.seconds.items()},
             "versions": versions(),
-            "files": files,
+            "files": list(files),
         }
 
 
