@@ -12,7 +12,7 @@ from fusionnet.robots._joint_table import (
     save_joint_table,
 )
 from fusionnet.robots._kinematics import ArmKinematics
-from fusionnet.robots._robot import Robot, TableTop
+from fusionnet.robots._robot import CollisionBit, Robot, TableTop
 
 _CATALOGUE = Catalogue("fusionnet.robots", kind="robot", attribute="ROBOT")
 
@@ -34,6 +34,7 @@ def load(name: str) -> Robot:
 
 __all__ = [
     "ArmKinematics",
+    "CollisionBit",
     "Robot",
     "TableQuality",
     "TableTop",

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from enum import IntFlag
 from functools import cached_property
 from pathlib import Path
 from typing import SupportsIndex
@@ -12,6 +13,20 @@ from jaxtyping import Float
 
 from fusionnet.blocks.grid import BLOCK_SIZE, GRID, Cell
 from fusionnet.errors import DataError, InputError
+
+
+class CollisionBit(IntFlag):
+    """Bits of MuJoCo's contype and conaffinity, shared by all robots and the world.
+
+    A robot's model says which kinds its own geoms meet; the world adds what blocks meet.
+    """
+
+    WORLD = 1
+    BLOCK = 2
+    ARM = 4
+    TRUNK = 8
+    HAND = 16
+
 
 CellLike = Sequence[SupportsIndex] | np.ndarray
 """Three whole numbers x, y, z: a `Cell`, a tuple or an array."""
