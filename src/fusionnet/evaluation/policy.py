@@ -1,0 +1,223 @@
+"""How often a policy's answer, executed in the simulator, reaches what was asked for.
+
+Image and sentence are all that the policy gets. Scenes come from one part of a corpus,
+split by scene group, so that no layout of the test part was ever trained on.
+"""
+
+import time
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+
+from fusionnet.blocks import Layout, Move, apply, plan
+from fusionnet.corpora import Command, load_corpus
+from fusionnet.errors import InputError, NotUnderstoodError, PlanningError
+from fusionnet.evaluation.intervals import wilson_interval
+from fusionnet.policy import Answer, Kind, Policy, load_policy
+from fusionnet.randomness import derived_seed, generator
+from fusionnet.rcl import Tree
+from fusionnet.robots import Robot
+from fusionnet.simulation import Appearance, joint_targets, make_world
+
+Outcome = Literal[
+    "reached", "not understood", "read wrong", "saw wrong", "pointed wrong", "slipped"
+]
+"""What became of an episode, and which part is to blame when it failed."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class PolicyEvaluation:
+    """What to measure.
+
+    Attributes:
+        corpus: Where commands and scenes come from.
+        data: Folder of the corpus's files.
+        split: Part of the corpus: train, val or test.
+        policy: `fusion` or `symbolic`.
+        checkpoint: A shipped name or a folder of checkpoints.
+        episodes: How many; commands are drawn again, in other looks, if there are fewer.
+        strength: Of the camera's and blocks' displacement; 0 leaves only light and colours.
+        seed: Of the drawing, the looks and the policy's vote.
+    """
+
+    corpus: str = "treebank"
+    data: Path | None = None
+    split: Literal["train", "val", "test"] = "test"
+    policy: Kind = "fusion"
+    checkpoint: str = "compact"
+    episodes: int = 300
+    strength: float = 1.0
+    seed: int = 0
+
+
+@dataclass(frozen=True)
+class EpisodeRecord:
+    """One command, answered and executed.
+
+    Attributes:
+        command: Its number in the corpus.
+        outcome: What became of it.
+        reason: The episode's own account, or the policy's refusal.
+        squared_error: Mean squared error of the fourteen scaled values; None if refused.
+        grasp_degrees: Mean absolute error of the grasp's joints; None if refused.
+        place_degrees: Mean absolute error of the place's joints; None if refused.
+        milliseconds: Time that the policy took to answer.
+    """
+
+    command: int
+    outcome: Outcome
+    reason: str
+    squared_error: float | None
+    grasp_degrees: float | None
+    place_degrees: float | None
+    milliseconds: float
+
+
+@dataclass
+class PolicyReport:
+    """All episodes of one evaluation.
+
+    Attributes:
+        config: What was measured.
+        records: One an episode.
+    """
+
+    config: PolicyEvaluation
+    records: list[EpisodeRecord] = field(default_factory=list)
+
+    def as_json(self) -> dict[str, Any]:
+        """The numbers that are reported; joint errors are over the answered episodes."""
+        outcomes = Counter(record.outcome for record in self.records)
+        reached = outcomes["reached"]
+        low, high = wilson_interval(reached, len(self.records))
+        answered = [r for r in self.records if r.squared_error is not None]
+        return {
+            "corpus": self.config.corpus,
+            "split": self.config.split,
+            "policy": self.config.policy,
+            "checkpoint": self.config.checkpoint,
+            "seed": self.config.seed,
+            "n": len(self.records),
+            "answered": len(answered),
+            "executed_success": round(reached / len(self.records), 4),
+            "executed_success_95": [round(low, 4), round(high, 4)],
+            "joint_mse": _mean([r.squared_error for r in answered], 6),
+            "grasp_error_deg": _mean([r.grasp_degrees for r in answered], 3),
+            "place_error_deg": _mean([r.place_degrees for r in answered], 3),
+            "median_answer_ms": round(float(np.median([r.milliseconds for r in self.records])), 1),
+            "outcomes": dict(outcomes.most_common()),
+            "failures": [
+                {"command": r.command, "outcome": r.outcome, "reason": r.reason}
+                for r in self.records
+                if r.outcome != "reached"
+            ],
+        }
+
+
+def evaluate(
+    config: PolicyEvaluation, *, progress: Callable[[int, int], None] | None = None
+) -> PolicyReport:
+    """Answer and execute the drawn commands.
+
+    Raises:
+        InputError: If no episodes are asked for, or the part has no commands.
+    """
+    if config.episodes < 1:
+        raise InputError(f"At least one episode is needed; received {config.episodes}.")
+    commands = load_corpus(config.corpus, config.data).split(config.split)
+    if not commands:
+        raise InputError(f"The corpus {config.corpus!r} has no commands in {config.split!r}.")
+    policy = load_policy(config.checkpoint, config.policy, seed=config.seed)
+    report = PolicyReport(config)
+    for index in range(config.episodes):
+        round_number, row = divmod(index, len(commands))
+        order = generator(config.seed, "episodes", round_number).permutation(len(commands))
+        report.records.append(_episode(policy, commands[order[row]], config, index))
+        if progress is not None:
+            progress(index + 1, config.episodes)
+    return report
+
+
+def _episode(
+    policy: Policy, command: Command, config: PolicyEvaluation, index: int
+) -> EpisodeRecord:
+    before = command.scene.before
+    look = Appearance.sample(
+        generator(config.seed, "look", config.split, index), strength=config.strength
+    )
+    world = make_world(
+        robot=policy.robot.name,
+        seed=derived_seed(config.seed, "world", index),
+        layout=before,
+        appearance=look,
+    )
+    image = world.image("left_eye")
+    wanted = plan(command.tree, before)
+    after = apply(
+        wanted, before
+    )  # as recorded, but a taken block is held where the planner holds it
+    began = time.perf_counter()
+    try:
+        answer = policy(image, command.sentence)
+    except (NotUnderstoodError, PlanningError) as error:
+        milliseconds = 1000 * (time.perf_counter() - began)
+        understood = not isinstance(error, NotUnderstoodError)
+        blame: Outcome = _blame_refusal(policy, command, after) if understood else "not understood"
+        return EpisodeRecord(command.id, blame, str(error), None, None, None, milliseconds)
+    milliseconds = 1000 * (time.perf_counter() - began)
+    episode = world.execute(answer, expected=after)
+    outcome: Outcome = "reached" if episode.success else _blame(answer, wanted, before, after)
+    return EpisodeRecord(
+        command.id,
+        outcome,
+        episode.reason,
+        *joint_errors(policy.robot, answer.targets, joint_targets(policy.robot, wanted)),
+        milliseconds,
+    )
+
+
+def joint_errors(robot: Robot, given: np.ndarray, wanted: np.ndarray) -> tuple[float, float, float]:
+    """Mean squared error of the scaled targets, mean joint error in degrees of grasp and place.
+
+    References:
+        Thesis, equation 4.2 (scaling) and table 7.4.
+    """
+    squared = float(np.mean((robot.scale(given) - robot.scale(wanted)) ** 2))
+    degrees = np.degrees(np.abs(given - wanted))
+    middle = len(wanted) // 2
+    return squared, float(degrees[: middle - 1].mean()), float(degrees[middle:-1].mean())
+
+
+def _blame_refusal(policy: Policy, command: Command, after: Layout) -> Outcome:
+    """Whether a refused command was read or seen wrong."""
+    before = command.scene.before
+    readings = policy.translator.translate(command.sentence, holding=before.held is not None)
+    return "saw wrong" if _reaches(readings[0].tree, before, after) else "read wrong"
+
+
+def _blame(answer: Answer, wanted: Move, before: Layout, after: Layout) -> Outcome:
+    """Which part made a failed episode fail."""
+    if not _reaches(answer.tree, before, after):
+        return "read wrong"
+    pointed = (int(answer.source.argmax()), int(answer.target.argmax()))
+    if pointed == (wanted.source.index, wanted.target.index):
+        return "slipped"
+    elected = (answer.move.source, answer.move.target)
+    return "saw wrong" if elected != (wanted.source, wanted.target) else "pointed wrong"
+
+
+def _reaches(tree: Tree, before: Layout, after: Layout) -> bool:
+    """Whether the planner reaches a layout by executing a tree in the true one."""
+    try:
+        return apply(plan(tree, before), before).same_blocks(after)
+    except PlanningError:
+        return False
+
+
+def _mean(values: list[float | None], digits: int) -> float | None:
+    known = [value for value in values if value is not None]
+    return round(float(np.mean(known)), digits) if known else None

@@ -1,0 +1,118 @@
+"""Which block is in which of the 512 cells, and whether the gripper holds one.
+
+The thesis never tried this intermediate representation. Each cell's front, top and
+sides are projected into the picture with the estimated camera, the features there
+are gathered, and three-dimensional convolutions let cells reason about what hides
+what and what must stand below.
+"""
+
+import torch
+from jaxtyping import Float, Int
+from torch import Tensor, nn
+
+from fusionnet.blocks import BLOCK_SIZE, CLASS_NAMES, GRID
+from fusionnet.models.heads.camera_pose import sample
+
+EMPTY = len(CLASS_NAMES)
+"""Index of the class "no block in this cell"; 0 to 15 are `CLASS_NAMES`."""
+
+
+class Occupancy(nn.Module):
+    """Probabilities of 17 classes for every cell, and of a held block.
+
+    Args:
+        fine_channels: Channels of the fine feature map.
+        coarse_channels: Channels of the coarse feature map.
+        input_size: Width and height of the network's input, in pixels.
+        gathered: Channels gathered at each projected point.
+        width: Channels of the three-dimensional convolutions.
+    """
+
+    def __init__(
+        self,
+        *,
+        fine_channels: int,
+        coarse_channels: int,
+        input_size: tuple[int, int],
+        gathered: int = 32,
+        width: int = 64,
+    ) -> None:
+        super().__init__()
+        self.empty = EMPTY
+        self.input_size = input_size
+        points = cell_points()
+        self.points_a_cell = points.shape[1]
+        self.register_buffer("points", points.reshape(-1, 3), persistent=False)
+        self.squeeze = nn.Conv2d(fine_channels, gathered, 1)
+        self.embed = nn.Linear(gathered * self.points_a_cell, width)
+        self.context = nn.Linear(coarse_channels, width)
+        self.position = nn.Parameter(torch.zeros(GRID**3, width))
+        self.reason = nn.ModuleList(
+            nn.Sequential(
+                nn.Conv3d(width, width, 3, padding=1, bias=False),
+                nn.BatchNorm3d(width),
+                nn.ReLU(inplace=True),
+                nn.Conv3d(width, width, 3, padding=1),
+            )
+            for _ in range(2)
+        )
+        self.classify = nn.Linear(width, EMPTY + 1)
+        self.hold = nn.Linear(2 * width, 1)
+
+    points: Tensor
+
+    def forward(
+        self,
+        fine: Float[Tensor, "b _ h w"],
+        coarse: Float[Tensor, "b _ h2 w2"],
+        pixels: Float[Tensor, "b n 2"],
+    ) -> tuple[Float[Tensor, "b 512 17"], Float[Tensor, " b"]]:
+        """Logits of the classes a cell, and of a held block.
+
+        Args:
+            fine: Fine feature map.
+            coarse: Coarse feature map.
+            pixels: Where `points` appear in the network's input.
+        """
+        batch = len(fine)
+        gathered = sample(self.squeeze(fine), pixels, self.input_size)
+        cells = gathered.view(batch, gathered.shape[1], GRID**3, self.points_a_cell)
+        cells = self.embed(cells.permute(0, 2, 1, 3).flatten(2))
+        around = self.context(coarse.mean(dim=(2, 3)))
+        x = nn.functional.relu(cells + self.position + around[:, None])
+        x = x.transpose(1, 2).reshape(batch, -1, GRID, GRID, GRID)
+        for block in self.reason:
+            x = nn.functional.relu(x + block(x))
+        x = x.flatten(2).transpose(1, 2)
+        held = self.hold(torch.cat([x.amax(dim=1), around], dim=1))[:, 0]
+        return self.classify(x), held
+
+    def losses(
+        self,
+        outputs: tuple[Float[Tensor, "b 512 17"], Float[Tensor, " b"]],
+        cells: Int[Tensor, "b 512"],
+        holding: Float[Tensor, " b"],
+    ) -> dict[str, Tensor]:
+        """`occupancy`: cross-entropy summed over a picture's cells; `holding`: binary."""
+        logits, held = outputs
+        entropy = nn.functional.cross_entropy(
+            logits.flatten(0, 1), cells.flatten(), reduction="sum"
+        )
+        return {
+            "occupancy": entropy / len(cells),
+            "holding": nn.functional.binary_cross_entropy_with_logits(held, holding),
+        }
+
+
+def cell_points() -> Float[Tensor, "512 22 3"]:
+    """Points of the board frame [m] on each cell: 3x3 on front and top, 2 on each side."""
+    low, middle, high = 0.12, 0.5, 0.88
+    steps = torch.tensor([low, middle, high])
+    one, two = torch.cartesian_prod(steps, steps).unbind(1)
+    front = torch.stack([torch.zeros(9), one, two], dim=1)
+    top = torch.stack([one, two, torch.ones(9)], dim=1)
+    sides = torch.tensor([[middle, side, height] for side in (0.0, 1.0) for height in (0.25, 0.75)])
+    offsets = torch.cat([front, top, sides])
+    axis = torch.arange(GRID)
+    corner = torch.cartesian_prod(axis, axis, axis)
+    return (corner[:, None] + offsets[None]) * BLOCK_SIZE
