@@ -72,6 +72,14 @@ def test_the_way_to_the_board_touches_nothing(at_the_table):
                 assert touching(at_the_table, data) == set(), cell
 
 
+def test_ready_hovers_over_the_board_above_the_highest_block():
+    pinch = robots.ArmKinematics(ROBOT).robot_from_pinch(ROBOT.poses["ready"])[:3, 3]
+    lowest, highest = ROBOT.cell_position((2, 2, 7)), ROBOT.cell_position((5, 5, 7))
+    assert np.all(lowest[:2] < pinch[:2]) and np.all(pinch[:2] < highest[:2])
+    carried = BLOCK_SIZE + ROBOT.pinch_clearance
+    assert pinch[2] - carried > highest[2] + BLOCK_SIZE / 2 + 0.01
+
+
 def test_a_hand_pushed_into_the_table_or_the_chest_does_touch(at_the_table):
     data = mujoco.MjData(at_the_table)
     inverse = InverseKinematics(ROBOT)

@@ -62,10 +62,10 @@ RESTING_ANGLES = {
 POSES = {
     "seed": np.radians([-40.0, 51.0, 132.0, 67.0, 60.0, -37.0]),
     "prepare": np.radians([16.0, 41.0, 124.0, 63.0, 52.0, -46.0]),
-    "ready": np.radians([-40.0, 51.0, 132.0, 67.0, 60.0, -37.0]),
+    "ready": np.radians([-35.4, 28.4, 146.4, 63.5, 64.3, -44.7]),
 }
-"""Searches start at `seed`; at `prepare` the hand is outside both eyes' views; `ready` is above
-the board (thesis figure 3.7)."""
+"""Searches start at `seed`; at `prepare` the hand is outside both eyes' views; at `ready` it is
+above the middle of the board and clear of all eight levels (thesis figure 3.7)."""
 
 ROBOT = Robot(
     name="nico",
