@@ -37,10 +37,11 @@ def look_and_act(
     Raises:
         FusionNetError: If the sentence cannot be understood or done there.
     """
+    robot = policy.robot.name
     expected, reference = None, None
     if picture is None:
         with timed(seconds, "world"):
-            world = make_world(robot=config.robot, seed=config.seed, layout=setting.layout)
+            world = make_world(robot=robot, seed=config.seed, layout=setting.layout)
             view = world.image("left_eye")
         with timed(seconds, "answer"):
             answer = policy(view, config.sentence)
@@ -50,13 +51,13 @@ def look_and_act(
         with timed(seconds, "answer"):
             answer = policy(view, config.sentence)
         with timed(seconds, "world"):
-            world = make_world(robot=config.robot, seed=config.seed, layout=_as_read(answer.layout))
+            world = make_world(robot=robot, seed=config.seed, layout=_as_read(answer.layout))
     with timed(seconds, "episode"):
         episode = world.execute(answer, expected=expected, record=True)
     return RunRecord(
         sentence=config.sentence,
         policy=config.policy,
-        robot=config.robot,
+        robot=robot,
         origin=setting.origin,
         seed=config.seed,
         picture=view,

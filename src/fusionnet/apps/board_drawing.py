@@ -5,6 +5,10 @@ is at the bottom right, as in the picture that the robot sees.
 """
 
 from collections.abc import Sequence
+from html import escape
+
+import numpy as np
+from jaxtyping import Float
 
 from fusionnet.apps.drawing import PAINT, hexadecimal
 from fusionnet.blocks.grid import GRID, Block, Cell, Layout, Move, Shape
@@ -16,15 +20,19 @@ _AWAY = (11.0, -19.0)
 Point = tuple[float, float]
 
 
-def board_svg(layout: Layout, *, move: Move | None = None, title: str) -> str:
+def board_svg(
+    layout: Layout, *, move: Move | None = None, levels: int | None = None, title: str
+) -> str:
     """The layout as an SVG element that takes its text colour from the page around it.
 
     Args:
         layout: Blocks and gripper.
         move: Draws an arrow from its source to its target.
+        levels: Room above the board, so that several pictures have one size; by default
+            what the highest block needs.
         title: What the picture shows, for people who cannot see it.
     """
-    levels = max([b.cell.z for b in layout.blocks] + [move.target.z if move else 0], default=0) + 1
+    levels = levels or highest_level(layout, move) + 1
     width = GRID * (_SIDE + _AWAY[0]) + 2 * _SIDE
     height = -GRID * _AWAY[1] + (levels + 2.2) * _SIDE
     parts = [_tile(x, y) for x in range(GRID) for y in range(GRID)]
@@ -41,7 +49,31 @@ def board_svg(layout: Layout, *, move: Move | None = None, title: str) -> str:
         parts += _arrow(move)
     view = f"{-_SIDE:.0f} {-height + _SIDE:.0f} {width:.0f} {height:.0f}"
     return (
-        f'<svg class="board" viewBox="{view}" role="img"><title>{title}</title>'
+        f'<svg class="board" viewBox="{view}" role="img"><title>{escape(title)}</title>'
+        f"{''.join(parts)}</svg>"
+    )
+
+
+def highest_level(layout: Layout, move: Move | None = None) -> int:
+    """The highest level that a block, or the end of a move, is on."""
+    ends = [] if move is None else [move.source.z, move.target.z]
+    return max([block.cell.z for block in layout.blocks] + ends, default=0)
+
+
+def heat_svg(probabilities: Float[np.ndarray, "512"], *, title: str) -> str:
+    """How much of a distribution over cells stands on each square of the board (SVG)."""
+    columns = np.asarray(probabilities).reshape(GRID, GRID, GRID).sum(axis=2)
+    parts = []
+    for x in range(GRID):
+        for y in range(GRID):
+            parts.append(_tile(x, y))
+            if columns[x, y] >= 0.005:
+                strength = f'class="heat" fill-opacity="{min(float(columns[x, y]), 1.0):.2f}"'
+                parts.append(_tile(x, y, strength))
+    width, height = GRID * (_SIDE + _AWAY[0]), -GRID * _AWAY[1]
+    view = f"-6 {-height - 6:.0f} {width + 12:.0f} {height + 12:.0f}"
+    return (
+        f'<svg class="heatmap" viewBox="{view}" role="img"><title>{escape(title)}</title>'
         f"{''.join(parts)}</svg>"
     )
 
@@ -61,16 +93,16 @@ def _middle(cell: Cell, up: float) -> Point:
     return _corner(right + 0.5, away + 0.5, z + up)
 
 
-def _face(points: Sequence[Point], fill: str, extra: str = "") -> str:
+def _face(points: Sequence[Point], fill: str, extra: str) -> str:
     path = " ".join(f"{x:.1f},{y:.1f}" for x, y in points)
     return f'<polygon points="{path}" fill="{fill}" {extra}/>'
 
 
-def _tile(x: int, y: int) -> str:
+def _tile(x: int, y: int, extra: str = "") -> str:
     right, away, _ = _origin(Cell(x, y, 0))
     square = ((0, 0), (1, 0), (1, 1), (0, 1))
     points = [_corner(right + i, away + j, 0) for i, j in square]
-    return _face(points, "none", f'class="tile{(x + y) % 2}"')
+    return _face(points, "none", extra or f'class="tile{(x + y) % 2}"')
 
 
 def _shade(color: str, by: float) -> str:

@@ -56,35 +56,63 @@ def hexadecimal(paint: tuple[int, int, int]) -> str:
     return "#{:02x}{:02x}{:02x}".format(*paint)
 
 
+def around(boxes: Sequence[Box], size: tuple[int, int]) -> tuple[int, int, int, int]:
+    """The part of a picture in which all boxes lie, with a margin, as wide for its height as it.
+
+    Args:
+        boxes: Corners in pixels of the picture.
+        size: The picture's width and height.
+
+    Returns:
+        Left, top, right and bottom edge in pixels; the whole picture if there is no box.
+    """
+    width, height = size
+    if not boxes:
+        return (0, 0, width, height)
+    corners = np.array([box.corners for box in boxes])
+    low, high = corners[:, :2].min(axis=0), corners[:, 2:].max(axis=0)
+    share = float(np.max((high - low + 0.08 * width) / size))  # of the picture that is needed
+    wide, tall = (min(side, round(side * share)) for side in size)
+    middle = (low + high) / 2
+    left = int(np.clip(middle[0] - wide / 2, 0, width - wide))
+    top = int(np.clip(middle[1] - tall / 2, 0, height - tall))
+    return (left, top, left + wide, top + tall)
+
+
 def draw_boxes(
     image: UInt8[np.ndarray, "h w 3"], boxes: Sequence[Box]
 ) -> UInt8[np.ndarray, "tall wide 3"]:
-    """The picture, enlarged, with every box; each label stands where it covers no other one.
+    """The part of the picture `around` the boxes, enlarged, with every box and its label.
 
-    A label for which there is no free place beside its box is left out, so that
-    crowded tables stay readable; its box is drawn all the same.
+    A label stands where it covers no other label and as little as possible of other
+    boxes; one for which there is no free place is left out, so that crowded tables
+    stay readable.
 
     Args:
         image: RGB.
         boxes: Corners in pixels of `image`.
     """
     height, width = image.shape[:2]
-    scale = max(1.0, _WIDEST / width) if width < _WIDEST else 1.0
-    size = (round(width * scale), round(height * scale))
-    picture = Image.fromarray(image).resize(size, Image.Resampling.BICUBIC)
+    part = around(boxes, (width, height))
+    scale = max(1.0, _WIDEST / (part[2] - part[0]))
+    size = (round((part[2] - part[0]) * scale), round((part[3] - part[1]) * scale))
+    picture = Image.fromarray(image).resize(size, Image.Resampling.BICUBIC, box=part)
     draw = ImageDraw.Draw(picture)
     line = max(2, round(size[0] / 640))
-    scaled = [[c * scale for c in box.corners] for box in boxes]
+    shift = np.array([part[0], part[1], part[0], part[1]])
+    scaled = [[float(c) for c in (np.array(box.corners) - shift) * scale] for box in boxes]
     for box, corners in zip(boxes, scaled, strict=True):
         paint = PAINT[box.color]
         draw.rectangle(corners, outline=ink_on(paint), width=line + 2)
         draw.rectangle(_grown(corners, -1), outline=paint, width=line)
-    font = ImageFont.load_default(size=max(13, size[0] // 100))
+    font = ImageFont.load_default(size=max(13, size[0] // 76))
     taken: list[list[float]] = []
     # The largest first: they have the most room around them.
     for index in sorted(range(len(boxes)), key=lambda i: -_area(scaled[i])):
         box = boxes[index]
-        place = _free_place(scaled[index], draw.textbbox((0, 0), box.label, font=font), taken, size)
+        others = [corners for i, corners in enumerate(scaled) if i != index]
+        text = draw.textbbox((0, 0), box.label, font=font)
+        place = _free_place(scaled[index], text, taken, others, size)
         if place is None:
             continue
         taken.append(place)
@@ -99,12 +127,14 @@ def _free_place(
     corners: list[float],
     text: tuple[float, float, float, float],
     taken: list[list[float]],
+    others: list[list[float]],
     size: tuple[int, int],
 ) -> list[float] | None:
-    """A rectangle beside a box that is inside the picture and free of other labels."""
+    """A rectangle beside a box, inside the picture, free of labels, covering little else."""
     wide, tall = text[2] - text[0] + 12, text[3] - text[1] + 10
     left, top, right, bottom = corners
     middle_x, middle_y = (left + right) / 2, (top + bottom) / 2
+    best: tuple[float, list[float]] | None = None
     for x, y in (
         (middle_x - wide / 2, top - tall - 2),
         (middle_x - wide / 2, bottom + 2),
@@ -117,13 +147,19 @@ def _free_place(
     ):
         place = [x, y, x + wide, y + tall]
         inside = x >= 0 and y >= 0 and place[2] <= size[0] and place[3] <= size[1]
-        if inside and not any(_overlap(place, other) for other in taken):
-            return place
-    return None
+        if not inside or any(_shared(place, label) > 0 for label in taken):
+            continue
+        covered = sum(_shared(place, other) for other in others)
+        if best is None or covered < best[0]:
+            best = (covered, place)
+    return None if best is None else best[1]
 
 
-def _overlap(a: Sequence[float], b: Sequence[float]) -> bool:
-    return a[0] < b[2] and b[0] < a[2] and a[1] < b[3] and b[1] < a[3]
+def _shared(a: Sequence[float], b: Sequence[float]) -> float:
+    """Area that two rectangles share."""
+    wide = min(a[2], b[2]) - max(a[0], b[0])
+    tall = min(a[3], b[3]) - max(a[1], b[1])
+    return max(wide, 0.0) * max(tall, 0.0)
 
 
 def _area(corners: Sequence[float]) -> float:

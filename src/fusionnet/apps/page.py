@@ -7,6 +7,7 @@ external resources; it follows the reader's light or dark setting.
 import base64
 import io
 import json
+import re
 from collections import Counter
 from html import escape
 from importlib import resources
@@ -17,9 +18,10 @@ from PIL import Image
 
 from fusionnet import rcl, robots
 from fusionnet.apps import tree_drawing
-from fusionnet.apps.board_drawing import board_svg
-from fusionnet.apps.drawing import PAINT, Box, hexadecimal
+from fusionnet.apps.board_drawing import board_svg, heat_svg, highest_level
+from fusionnet.apps.drawing import PAINT, Box, around, hexadecimal
 from fusionnet.apps.run_record import RunRecord
+from fusionnet.blocks import Cell, Layout, Move
 
 
 def page(
@@ -40,6 +42,7 @@ def page(
         _did(record, video),
         _understood(record, tree_svg),
         _boards(record),
+        _attended(record),
         _answered(record),
         _reckoned(record),
         _provenance(document),
@@ -69,8 +72,7 @@ x 0 is nearest the robot, y 0 right-most in its view, z 0 on the table.</footer>
 
 def _header(record: RunRecord) -> str:
     kind = {True: "good", False: "bad", None: ""}[record.episode.success]
-    milliseconds = record.answer.milliseconds
-    total = milliseconds.get("total", sum(milliseconds.values()))
+    total = sum(record.answer.milliseconds.values())
     facts = [
         ("policy", record.policy),
         ("robot", record.robot),
@@ -88,6 +90,8 @@ def _header(record: RunRecord) -> str:
 
 def _saw(record: RunRecord, seen: np.ndarray) -> str:
     height, width = record.picture.shape[:2]
+    left, top, right, bottom = around(record.boxes, (width, height))
+    part = f"{left} {top} {right - left} {bottom - top}"
     boxes = "".join(_hover(box) for box in reversed(record.boxes))
     counts = Counter((box.class_name, box.label, box.color) for box in record.boxes)
     chips = "".join(
@@ -98,9 +102,10 @@ def _saw(record: RunRecord, seen: np.ndarray) -> str:
     number = len(record.boxes)
     return f"""<section class="half">
 <h2>What it saw</h2>
-<p>{number} block{"" if number == 1 else "s"} in the picture; point at one for its score.</p>
-<div class="picture"><img src="{_webp(seen)}" alt="The picture with a box around every block found">
-<svg viewBox="0 0 {width} {height}" preserveAspectRatio="none">{boxes}</svg></div>
+<p>{number} block{"" if number == 1 else "s"} in the picture, enlarged here; point at one for
+its score.</p>
+<div class="picture"><img src="{_webp(seen)}" alt="The blocks, each with a box and its name">
+<svg viewBox="{part}" preserveAspectRatio="none">{boxes}</svg></div>
 <ul class="chips">{chips}</ul>
 </section>
 """
@@ -116,13 +121,25 @@ def _hover(box: Box) -> str:
 
 def _did(record: RunRecord, video: bytes) -> str:
     data = base64.b64encode(video).decode("ascii")
+    episode = record.episode
+    measured = [f"{episode.seconds:.1f} s of simulated time"]
+    if episode.grasp_distance is not None:
+        measured.append(f"grasp {episode.grasp_distance:.1f} mm off")
+    if episode.grasped is not None:
+        measured.append(f"neighbours moved {episode.displacement:.2f} mm at most")
+    facts = "".join(f"<li>{escape(fact)}</li>" for fact in measured)
     return f"""<section class="half">
 <h2>What it did</h2>
-<p>{escape(str(record.episode.reason))}</p>
+<p>{escape(_capital(record.episode.reason))}</p>
 <div class="picture"><video controls autoplay muted loop playsinline
 src="data:video/mp4;base64,{data}">Your browser shows no video; see episode.mp4.</video></div>
+<ul class="chips">{facts}</ul>
 </section>
 """
+
+
+def _capital(text: str) -> str:
+    return text[:1].upper() + text[1:]
 
 
 def _understood(record: RunRecord, tree_svg: str) -> str:
@@ -152,6 +169,9 @@ def _understood(record: RunRecord, tree_svg: str) -> str:
 def _themed(tree_svg: str) -> str:
     """The tree's picture without its own background, in the colours of the page."""
     svg = tree_svg[tree_svg.index("<svg") :]
+    points = float(re.search(r'width="([\d.]+)pt"', svg)[1])  # type: ignore[index]
+    size = f"width:{1.5 * points:.0f}px;min-width:{min(0.95 * points, 1.5 * points):.0f}px"
+    svg = re.sub(r'width="[\d.]+pt" height="[\d.]+pt"', f'style="{size}"', svg, count=1)
     for color, name in (
         (tree_drawing.INK, "--ink"),
         (tree_drawing.SOFT, "--soft"),
@@ -164,26 +184,48 @@ def _themed(tree_svg: str) -> str:
 
 def _boards(record: RunRecord) -> str:
     answer = record.answer
-    figures = [(answer.layout, answer.move, "as the network read the picture")]
+    figures: list[tuple[Layout, Move | None, str]] = [
+        (answer.layout, answer.move, "as the network read the picture")
+    ]
     if not record.layout_is_read:
         figures.append((record.layout, None, "as it was"))
     figures.append((record.episode.layout_after, None, "after the episode"))
+    levels = 1 + max(highest_level(layout, move) for layout, move, _ in figures)
     drawn = "".join(
-        f"<figure>{board_svg(layout, move=move, title=caption)}"
+        f"<figure>{board_svg(layout, move=move, levels=levels, title=caption)}"
         f"<figcaption>{caption}</figcaption></figure>"
         for layout, move, caption in figures
     )
-    said = (
-        "The arrow is the move that planner and table make of it."
-        if answer.move is not None
-        else "No move could be planned in the layout as it was read."
-    )
     return f"""<section>
 <h2>The board</h2>
-<p>{said}</p>
+<p>The arrow is the move that the planner makes of the command in what was read;
+{answer.agreement:.0%} of the layouts sampled from the picture agree on it.</p>
 <div class="boards">{drawn}</div>
 </section>
 """
+
+
+def _attended(record: RunRecord) -> str:
+    """Where each part of the command looked on the board, and where the arm will go."""
+    answer = record.answer
+    maps = [*answer.attention, ("grasp", answer.source), ("place", answer.target)]
+    drawn = "".join(
+        f"<figure>{heat_svg(cells, title=label)}<figcaption>{escape(label)}<br>{_most(cells)}"
+        "</figcaption></figure>"
+        for label, cells in maps
+    )
+    return f"""<section>
+<h2>Where it looked</h2>
+<p>How likely each square is what the words mean, from every part of the command to the grasp and
+the place; the most likely cell stands below.</p>
+<div class="boards small">{drawn}</div>
+</section>
+"""
+
+
+def _most(cells: np.ndarray) -> str:
+    best = int(np.argmax(cells))
+    return f"{tuple(Cell.from_index(best))}, {float(cells[best]):.0%}"
 
 
 def _answered(record: RunRecord) -> str:
@@ -205,7 +247,7 @@ def _answered(record: RunRecord) -> str:
         )
     states = ["closed" if pose.gripper >= 0.5 else "open" for pose in (answer.grasp, answer.place)]
     rows.append(
-        f'<tr><td>gripper before, after</td><td class="number">{states[0]}</td>'
+        f'<tr><td>gripper</td><td class="number">{states[0]}</td>'
         f'<td class="number">{states[1]}</td><td></td><td></td></tr>'
     )
     return f"""<section class="half">
@@ -219,8 +261,8 @@ def _answered(record: RunRecord) -> str:
 
 
 def _reckoned(record: RunRecord) -> str:
-    milliseconds = dict(record.answer.milliseconds)
-    total = milliseconds.pop("total", sum(milliseconds.values()))
+    milliseconds = record.answer.milliseconds
+    total = sum(milliseconds.values())
     rows = "".join(
         f'<tr><td>{escape(stage.replace("_", " "))}</td><td class="number">{value:.0f} ms</td>'
         f'<td class="wide">{_bar(value / total if total else 0)}</td></tr>'

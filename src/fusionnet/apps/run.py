@@ -4,7 +4,7 @@ import json
 import time
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated, Literal
 
 import tyro
 
@@ -15,10 +15,9 @@ from fusionnet.catalogue import did_you_mean
 from fusionnet.errors import UnknownNameError
 from fusionnet.sentences import readable_words
 
-if TYPE_CHECKING:
-    pass
+Kind = Literal["fusion", "symbolic"]
 
-POLICIES = ("fusion", "symbolic")
+POLICIES: dict[str, Kind] = {"fusion": "fusion", "symbolic": "symbolic"}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -49,9 +48,6 @@ class RunConfig:
     policy: str = "fusion"
     """"fusion" (FusionNet's fourteen values go to the arm), "symbolic" (read, plan, look up
     the angles), or the folder of a checkpoint."""
-
-    robot: str = "nico"
-    """Which robot looks and moves."""
 
     out: Path | None = None
     """Folder for pictures, video, result.json and index.html [default: fusionnet-run; none
@@ -85,7 +81,7 @@ def run(config: RunConfig) -> int:
     from fusionnet.apps.run_folder import write_folder
     from fusionnet.policy import load_policy
 
-    policy = load_policy(checkpoint, kind=kind)
+    policy = load_policy(checkpoint, kind, seed=config.seed)
     seconds = {"load": time.perf_counter() - begin}
     record = look_and_act(config, setting, picture, policy, seconds)
     if out is not None:
@@ -99,10 +95,10 @@ def run(config: RunConfig) -> int:
     return record.status
 
 
-def _policy_choice(name: str) -> tuple[str, str]:
+def _policy_choice(name: str) -> tuple[Kind, str]:
     """The kind of policy, and the checkpoint that it is loaded from."""
     if name in POLICIES:
-        return name, "compact"
+        return POLICIES[name], "compact"
     if Path(name).exists() or "/" in name:
         return "fusion", name
     raise UnknownNameError(

@@ -4,7 +4,7 @@ import platform
 from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
-from typing import Any, Literal, Protocol
+from typing import Any, Literal
 
 import numpy as np
 from jaxtyping import UInt8
@@ -12,27 +12,17 @@ from jaxtyping import UInt8
 from fusionnet.apps.cli import EXIT_MISSED, EXIT_REACHED
 from fusionnet.apps.drawing import Box
 from fusionnet.apps.output_folder import RESULT_KIND
-from fusionnet.blocks.grid import Layout
+from fusionnet.blocks import Layout, layout_to_json
 from fusionnet.policy import Answer
 from fusionnet.rcl import format as format_tree
 from fusionnet.sentences import tokenize
+from fusionnet.simulation import Episode
 
 Reference = Literal["recorded", "understood"]
 """Where the layout that the episode is judged by comes from: the corpus recorded it, or the
 planner reached it by executing the command, as it was read, in the true layout."""
 
 SCHEMA_VERSION = 1
-
-
-class Deed(Protocol):
-    """What this record needs to know of an episode."""
-
-    success: bool | None
-    reason: str
-    layout_after: Layout
-
-    def as_json(self) -> dict[str, Any]:
-        """Everything measured, as JSON values."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -63,7 +53,7 @@ class RunRecord:
     seed: int
     picture: UInt8[np.ndarray, "h w 3"]
     answer: Answer
-    episode: Any
+    episode: Episode
     layout: Layout
     layout_is_read: bool
     expected: Layout | None
@@ -107,8 +97,6 @@ class RunRecord:
         Args:
             files: Names of the files written beside it.
         """
-        from fusionnet.blocks import layout_to_json
-
         return {
             "kind": RESULT_KIND,
             "schema_version": SCHEMA_VERSION,

@@ -13,7 +13,7 @@ from fusionnet import rcl, robots
 from fusionnet.apps.drawing import PAINT, hexadecimal
 from fusionnet.apps.run_record import RunRecord
 
-_GUTTER = 14
+_GUTTER = 11
 """Columns for the headings at the left."""
 
 
@@ -35,16 +35,15 @@ def print_summary(record: RunRecord, out: Path | None, console: Console | None =
     table.add_row("saw", _saw(record))
     table.add_row("understood", Text(rcl.describe(answer.tree)))
     table.add_row("", Text(rcl.format(answer.tree, tokens=False), style="dim"))
-    if answer.move is not None:
-        source, target = tuple(answer.move.source), tuple(answer.move.target)
-        table.add_row("planned", f"cell {source} to {target}, sure to {answer.confidence:.0%}")
+    source, target = tuple(answer.move.source), tuple(answer.move.target)
+    table.add_row("planned", f"cell {source} to {target}, sure to {answer.confidence:.0%}")
     names = robots.load(record.robot).joint_names
-    table.add_row("answered", Text(" ".join(f"{_short(name):>9}" for name in names), style="dim"))
+    table.add_row("answered", Text("".join(f"{_short(name):>10}" for name in names), style="dim"))
     for name, pose in (("grasp", answer.grasp), ("place", answer.place)):
-        angles = " ".join(f"{np.degrees(a):8.1f}°" for a in pose.joint_angles)
+        angles = "".join(f"{np.degrees(a):9.1f}°" for a in pose.joint_angles)
         state = "closed" if pose.gripper >= 0.5 else "open"
-        table.add_row(f"  {name}", f"{angles}   gripper {state}")
-    total = answer.milliseconds.get("total", sum(answer.milliseconds.values()))
+        table.add_row(f"  {name}", f"{angles} {state}")
+    total = sum(answer.milliseconds.values())
     table.add_row("", f"[dim]in {total:.0f} ms[/dim]")
     table.add_row("did", Text(record.verdict, style=_style(record)))
     if out is not None:

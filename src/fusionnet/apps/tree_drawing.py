@@ -97,7 +97,7 @@ def draw_tree(tree: rcl.Tree, words: Sequence[str], *files: Path) -> None:
     root = parts_of(tree)
     leaf_x, word_x, width = _columns(root.leaves, words)
     levels = root.height
-    style = {
+    style: dict[Any, Any] = {
         "svg.fonttype": "none",
         "svg.hashsalt": "fusionnet",
         "font.family": ["DejaVu Sans"],
