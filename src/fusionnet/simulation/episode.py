@@ -1,0 +1,206 @@
+"""One pick and place in the simulator: what happened, and whether it was what was asked."""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from fusionnet.blocks.grid import BLOCK_SIZE, Block, Cell, Gripper, Layout
+from fusionnet.errors import InputError
+from fusionnet.geometry import apply, invert
+from fusionnet.robots import Robot
+from fusionnet.simulation.appearance import Appearance
+from fusionnet.simulation.physics import describe_grasp_model
+from fusionnet.simulation.tabletop import BlockPoses, cell_at, cell_center
+
+TIPPED = np.deg2rad(20.0)
+"""A block that leans further than this does not stand in its cell, wherever its centre is."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Phase:
+    """One part of an episode, from and to in simulated seconds."""
+
+    name: str
+    start: float
+    end: float
+
+
+@dataclass(frozen=True, eq=False)
+class Recording:
+    """States of an episode, 25 a second, from which a film can be made."""
+
+    robot: str
+    blocks: tuple[Block, ...]
+    postures: Float[np.ndarray, "t q"]
+    positions: Float[np.ndarray, "t n 3"]
+    rotations: Float[np.ndarray, "t n 3 3"]
+    appearance: Appearance
+
+    def __len__(self) -> int:
+        return len(self.postures)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Episode:
+    """The outcome of one execution.
+
+    Attributes:
+        success: Whether the world ended as expected; None when nothing was expected.
+        reason: Why, in one sentence.
+        layout_after: Blocks in the cells where they were measured at the end (off the grid
+            where they fell off the board), and the hand.
+        grasped: The block that the hand closed on, or None.
+        errors: Distance of each block (in the order of the world's layout) from the middle of
+            its expected cell, or of the cell where it began when nothing was expected, in mm.
+        displacement: Largest distance by which any block moved that was never held, in mm.
+        grasp_distance: From the pinch to the nearest block's grasp point when the hand closed,
+            in mm; None if it did not close.
+        stopped: Phases that were cut short because the hand pushed on something.
+        seconds: Simulated time.
+        phases: Parts of the motion.
+        grasp_model: How grasping is simulated.
+        recording: States for a film, if recorded.
+    """
+
+    success: bool | None
+    reason: str
+    layout_after: Layout
+    grasped: Block | None
+    errors: Float[np.ndarray, " n"]
+    displacement: float
+    grasp_distance: float | None
+    stopped: tuple[str, ...]
+    seconds: float
+    phases: tuple[Phase, ...]
+    grasp_model: str = field(default_factory=describe_grasp_model)
+    recording: Recording | None = None
+
+    def video(self, path: str | Path, camera: str = "external") -> None:
+        """Film the episode (mp4, 960x540, 25 frames a second).
+
+        Raises:
+            InputError: If the episode was not recorded.
+            RenderingError: If there is no working OpenGL.
+            OutputError: If the file cannot be written.
+        """
+        if self.recording is None:
+            raise InputError(
+                "This episode was not recorded; execute it again with record=True to film it."
+            )
+        from fusionnet.simulation.video import film
+
+        film(self.recording, Path(path), camera)
+
+    def as_json(self) -> dict[str, Any]:
+        """Everything but the recording, as plain numbers, texts and lists."""
+        return {
+            "success": self.success,
+            "reason": self.reason,
+            "layout_after": {
+                "gripper": {
+                    "cell": list(self.layout_after.gripper.cell),
+                    "closed": self.layout_after.gripper.closed,
+                },
+                "blocks": [_block_json(b) for b in self.layout_after.blocks],
+            },
+            "grasped": None if self.grasped is None else _block_json(self.grasped),
+            "errors_mm": [round(float(e), 3) for e in self.errors],
+            "displacement_mm": round(self.displacement, 3),
+            "grasp_distance_mm": (
+                None if self.grasp_distance is None else round(self.grasp_distance, 3)
+            ),
+            "stopped": list(self.stopped),
+            "seconds": round(self.seconds, 3),
+            "phases": [
+                {"name": p.name, "start": round(p.start, 3), "end": round(p.end, 3)}
+                for p in self.phases
+            ],
+            "grasp_model": self.grasp_model,
+        }
+
+
+def measured_layout(
+    robot: Robot,
+    blocks: tuple[Block, ...],
+    poses: BlockPoses,
+    held: int | None,
+    closed: bool,
+    pinch: Float[np.ndarray, "3"],
+) -> Layout:
+    """Each block in the cell where its centre is, and the hand in the cell of what it holds."""
+    board_from_robot = invert(robot.robot_from_board)
+    centers = apply(board_from_robot, poses.positions)
+    cells = [cell_at(center) for center in centers]
+    below_pinch = np.array([0.0, 0.0, robot.pinch_clearance + BLOCK_SIZE / 2])
+    hand = cells[held] if held is not None else cell_at(apply(board_from_robot, pinch) - below_pinch)
+    found = tuple(
+        Block(block.color, block.shape, cell) for block, cell in zip(blocks, cells, strict=True)
+    )
+    return Layout(found, Gripper(hand, closed))
+
+
+def judge(
+    robot: Robot,
+    blocks: tuple[Block, ...],
+    poses: BlockPoses,
+    held: int | None,
+    expected: Layout,
+) -> tuple[list[str], Float[np.ndarray, " n"]]:
+    """What differs from the expected layout, in sentences, and each block's distance in mm.
+
+    A block is where it should be if its centre is within half a cell, along each axis, of the
+    middle of its cell and it stands upright. Blocks of one kind may stand in for each other.
+    """
+    centers = apply(invert(robot.robot_from_board), poses.positions)
+    upright = poses.rotations[:, 2, 2] > np.cos(TIPPED)
+    errors = np.full(len(blocks), np.nan)
+    wrong: list[str] = []
+    free = set(range(len(blocks)))
+    for wanted in expected.blocks:
+        middle = cell_center(wanted.cell)
+        alike = [i for i in free if blocks[i].class_index == wanted.class_index]
+        if not alike:
+            wrong.append(f"the world has no {_kind(wanted)} for cell {_cell(wanted.cell)}")
+            continue
+        offsets = centers[alike] - middle
+        best = int(np.argmin(np.abs(offsets).max(axis=1)))
+        block = alike[best]
+        inside = np.abs(offsets[best]).max() <= BLOCK_SIZE / 2
+        if not inside:
+            continue
+        free.discard(block)
+        errors[block] = 1000.0 * np.linalg.norm(offsets[best])
+        if not upright[block]:
+            wrong.append(f"the {_kind(wanted)} in cell {_cell(wanted.cell)} lies on its side")
+        should_hold = expected.held == wanted
+        if should_hold and held != block:
+            wrong.append(f"the {_kind(wanted)} is not in the hand")
+        if not should_hold and held == block:
+            wrong.append(f"the {_kind(wanted)} is still in the hand")
+    for block in sorted(free):
+        wanted_cells = [w.cell for w in expected.blocks if w.class_index == blocks[block].class_index]
+        if not wanted_cells:
+            wrong.append(f"no {_kind(blocks[block])} was expected")
+            continue
+        offsets = np.linalg.norm(centers[block] - [cell_center(c) for c in wanted_cells], axis=1)
+        errors[block] = 1000.0 * float(offsets.min())
+        where = "in the hand" if held == block else f"in cell {_cell(cell_at(centers[block]))}"
+        wrong.append(
+            f"the {_kind(blocks[block])} is {where}, {errors[block]:.0f} mm from where one belongs"
+        )
+    return wrong, errors
+
+
+def _kind(block: Block) -> str:
+    return f"{block.color.value} {'pyramid' if block.shape.value == 'prism' else 'cube'}"
+
+
+def _cell(cell: Cell) -> str:
+    return f"({cell.x}, {cell.y}, {cell.z})"
+
+
+def _block_json(block: Block) -> dict[str, Any]:
+    return {"color": block.color.value, "shape": block.shape.value, "cell": list(block.cell)}

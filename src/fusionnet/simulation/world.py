@@ -1,0 +1,380 @@
+"""A table, blocks and a robot that does what fourteen numbers tell it."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import mujoco
+import numpy as np
+from jaxtyping import Float, UInt8
+
+from fusionnet import robots
+from fusionnet.blocks.grid import BLOCK_SIZE, Layout, Move
+from fusionnet.errors import InputError
+from fusionnet.robots import ArmKinematics, Robot
+from fusionnet.simulation.appearance import Appearance
+from fusionnet.simulation.episode import Episode, Phase, Recording, judge, measured_layout
+from fusionnet.simulation.hand import Hand
+from fusionnet.simulation.motion import PathPlanner
+from fusionnet.simulation.physics import GATE, TIME_STEP, build_physics
+from fusionnet.simulation.renderer import View, shared_renderer
+from fusionnet.simulation.tabletop import BLOCK_HALF, BlockPoses
+
+APPROACH = 0.025
+"""Last part of a way down that is driven slowly, in metres."""
+
+AIR = 0.012
+"""Between what the hand carries and the highest block on its way, in metres."""
+
+LEAST_LIFT = 0.02
+"""Even with nothing in the way the hand comes to a pose from this far above, in metres."""
+
+CORRIDOR = 0.045
+"""Blocks nearer than this to the hand's way across count as being on it, in metres."""
+
+HIGHEST = 0.08
+"""Above the grasp height of level 7: the hand goes no higher, in metres."""
+
+
+def joint_targets(robot: str | Robot, move: Move) -> Float[np.ndarray, " k"]:
+    """What the arm must do for a move: grasp angles and gripper, place angles and gripper.
+
+    The angles (radians) are those of the robot's joint table at the move's two cells. A
+    gripper value is 1 where the hand is closed on a block: with the grasp pose if the move
+    begins so (a drop), with the place pose if it ends so (a take).
+    """
+    robot = robots.load(robot) if isinstance(robot, str) else robot
+    return np.concatenate(
+        [
+            robot.joint_angles(move.source),
+            [float(move.begins_held)],
+            robot.joint_angles(move.target),
+            [float(move.ends_held)],
+        ]
+    )
+
+
+def make_world(
+    robot: str = "nico",
+    seed: int = 0,
+    layout: Layout | None = None,
+    appearance: Appearance | None = None,
+) -> "World":
+    """A world with a layout of blocks; a random one, which depends on the seed, if none is given.
+
+    Raises:
+        UnknownNameError: If there is no such robot.
+        InputError: If the layout cannot stand: off the grid, overlapping, floating.
+    """
+    from fusionnet import blocks
+    from fusionnet.randomness import generator
+
+    if layout is None:
+        layout = blocks.random_layout(generator(seed, "world"))
+    else:
+        blocks.validate(layout)
+    return World(robots.load(robot), layout, appearance)
+
+
+class World:
+    """A robot at a table with blocks, in a MuJoCo simulation.
+
+    Several commands can be executed one after the other; the world stays as they leave it.
+
+    Args:
+        robot: Who acts.
+        layout: What stands on the board. If a block is held, the hand begins around it.
+        appearance: Look of the pictures; nominal by default.
+    """
+
+    def __init__(self, robot: Robot, layout: Layout, appearance: Appearance | None = None) -> None:
+        self.robot = robot
+        self.appearance = appearance or Appearance()
+        self.blocks = layout.blocks
+        self._physics = build_physics(robot, layout)
+        self._data = mujoco.MjData(self._physics.model)
+        self._planner = PathPlanner(ArmKinematics(robot))
+        self._hand = Hand(robot, self._physics, self._data)
+        held = layout.held
+        arm = robot.poses["prepare"] if held is None else robot.joint_angles(held.cell)
+        self._hand.jump(arm, closed=layout.gripper.closed)
+        self._hand.closed = layout.gripper.closed
+        if held is not None:
+            self._hand.hold(layout.blocks.index(held))
+
+    @property
+    def layout(self) -> Layout:
+        """Blocks in the cells where they are now, and the hand."""
+        return measured_layout(
+            self.robot,
+            self.blocks,
+            self._poses(),
+            self._hand.held,
+            self._hand.closed,
+            self._hand.pinch,
+        )
+
+    def image(self, camera: str = "left_eye") -> UInt8[np.ndarray, "h w 3"]:
+        """What a camera sees now.
+
+        Raises:
+            RenderingError: If there is no working OpenGL.
+            UnknownNameError: If there is no such camera.
+        """
+        return self._view(camera, labels=False).image
+
+    def view(self, camera: str = "left_eye") -> View:
+        """What a camera sees now, with the exact boxes of what is visible.
+
+        Raises:
+            RenderingError: If there is no working OpenGL.
+            UnknownNameError: If there is no such camera.
+        """
+        return self._view(camera, labels=True)
+
+    def execute(
+        self, answer: Any, expected: Layout | None = None, record: bool = False
+    ) -> Episode:
+        """Let the arm do it: go to the grasp pose, close, go to the place pose, open (or not).
+
+        Args:
+            answer: Anything with `grasp` and `place`, each with `joint_angles` (radians) and
+                `gripper` (closed from 0.5); or the flat vector of `joint_targets`.
+            expected: The layout that should come out, if known.
+            record: Whether to keep states for a film.
+
+        Raises:
+            InputError: If the targets have the wrong length, are not finite, or are outside
+                the joints' limits.
+        """
+        grasp, grasp_closed, place, place_closed = self._targets(answer)
+        hand = self._hand
+        hand.frames = [] if record else None
+        before = self._poses()
+        start = hand.seconds
+        run = _Run(self)
+        begins_held = hand.held
+        touched = {begins_held}
+
+        if not grasp_closed and hand.closed:
+            run.phase("open", hand.open)
+        if hand.held is None and not hand.closed:
+            run.phase("ready", lambda: run.to_ready(grasp))
+        run.phase("reach", lambda: run.descend(grasp))
+        distance: float | None = None
+        if not hand.closed:
+            distance = run.phase("grasp", hand.close)
+        grasped = hand.held
+        touched.add(grasped)
+        run.phase("lift", lambda: run.lift(place))
+        run.phase("move", lambda: run.cross(place))
+        run.phase("place", lambda: run.descend(place))
+        if not place_closed:
+            run.phase("release", hand.open)
+            run.phase("retreat", run.retreat)
+        run.phase("rest", run.settle)
+
+        after = self._poses()
+        moved = np.linalg.norm(after.positions - before.positions, axis=1)
+        still = [float(moved[i]) for i in range(len(moved)) if i not in touched]
+        if expected is None:
+            success, errors = None, 1000.0 * moved
+            wrong: list[str] = []
+        else:
+            wrong, errors = judge(self.robot, self.blocks, after, hand.held, expected)
+            success = not wrong
+        if success:
+            reason = f"Every block is where it should be, at most {np.max(errors, initial=0):.1f} mm off."
+        else:
+            story = run.story(begins_held, grasped, distance, grasp_closed)
+            reason = "; ".join([*wrong[:3], story])
+            reason = reason[0].upper() + reason[1:] + "."
+        episode = Episode(
+            success=success,
+            reason=reason,
+            layout_after=self.layout,
+            grasped=None if grasped is None else self.blocks[grasped],
+            errors=errors,
+            displacement=1000.0 * max(still, default=0.0),
+            grasp_distance=None if distance is None else 1000.0 * distance,
+            stopped=tuple(run.stopped),
+            seconds=hand.seconds - start,
+            phases=tuple(run.phases),
+            recording=self._recording() if record else None,
+        )
+        hand.frames = None
+        return episode
+
+    def _targets(
+        self, answer: Any
+    ) -> tuple[Float[np.ndarray, " n"], bool, Float[np.ndarray, " n"], bool]:
+        count = len(self.robot.joint_names)
+        if hasattr(answer, "grasp") and hasattr(answer, "place"):
+            poses = [answer.grasp, answer.place]
+            vectors = [np.asarray(p.joint_angles, dtype=float) for p in poses]
+            grippers = np.array([p.gripper for p in poses], dtype=float)
+        else:
+            flat = _flat(answer, 2 * count + 2, self.robot)
+            vectors = [flat[:count], flat[count + 1 : -1]]
+            grippers = flat[[count, -1]]
+        for vector in vectors:
+            self.robot.check_joint_angles(vector)
+        if not np.all(np.isfinite(grippers)):
+            raise InputError(f"A gripper value is not finite: {grippers.tolist()}; give 0 to 1.")
+        return vectors[0], bool(grippers[0] >= 0.5), vectors[1], bool(grippers[1] >= 0.5)
+
+    def _poses(self) -> BlockPoses:
+        return self._physics.block_poses(self._data.qpos)
+
+    def _view(self, camera: str, labels: bool) -> View:
+        renderer = shared_renderer(self.robot.name)
+        posture = self._data.qpos[: self._physics.robot_positions]
+        return renderer.draw(posture, self.blocks, self._poses(), camera, self.appearance, labels)
+
+    def _recording(self) -> Recording:
+        frames = np.array(self._hand.frames)
+        poses = [self._physics.block_poses(frame) for frame in frames]
+        return Recording(
+            robot=self.robot.name,
+            blocks=self.blocks,
+            postures=frames[:, : self._physics.robot_positions],
+            positions=np.array([p.positions for p in poses], dtype=np.float32),
+            rotations=np.array([p.rotations for p in poses], dtype=np.float32),
+            appearance=self.appearance,
+        )
+
+
+class _Run:
+    """The parts of one execution, and what happened in them."""
+
+    def __init__(self, world: World) -> None:
+        self.world = world
+        self.hand = world._hand
+        self.planner = world._planner
+        self.phases: list[Phase] = []
+        self.stopped: list[str] = []
+        self._phase = ""
+
+    def phase(self, name: str, act: Any) -> Any:
+        """Do something and note when it began and ended."""
+        self._phase, start = name, self.hand.seconds
+        result = act()
+        self.phases.append(Phase(name=name, start=start, end=self.hand.seconds))
+        return result
+
+    def to_ready(self, goal: Float[np.ndarray, " n"]) -> None:
+        """From beside the table to high above the board."""
+        ready = self.world.robot.poses["ready"]
+        height = max(self._clear_height(self.hand.posture, ready), self.planner.pinch(ready)[2])
+        self._drive(np.array([self.hand.posture, self.planner.upwards(ready, height)[-1]]))
+
+    def descend(self, goal: Float[np.ndarray, " n"]) -> None:
+        """Go above a pose and straight down to it, slowly at the end; stop on contact."""
+        here, there = self.planner.pinch(self.hand.posture), self.planner.pinch(goal)
+        if np.linalg.norm(here[:2] - there[:2]) < 0.03 and here[2] - there[2] < 0.02:
+            self._drive(np.array([self.hand.posture, goal]), careful=True)
+            return
+        height = max(self._clear_height(self.hand.posture, goal), here[2])
+        above = self.planner.upwards(goal, height)[::-1]
+        if np.linalg.norm(here[:2] - there[:2]) > 0.01:
+            self._drive(self.planner.across(self.hand.posture, above[0]))
+        above[0] = self.hand.posture
+        self._drive(above, careful=True, approach=APPROACH)
+
+    def lift(self, goal: Float[np.ndarray, " n"]) -> None:
+        """Straight up until nothing is in the way to a pose."""
+        here = self.planner.pinch(self.hand.posture)[2]
+        height = max(self._clear_height(self.hand.posture, goal), here + LEAST_LIFT)
+        self._drive(self.planner.upwards(self.hand.posture, height))
+
+    def cross(self, goal: Float[np.ndarray, " n"]) -> None:
+        """At this height to above a pose."""
+        height = self.planner.pinch(self.hand.posture)[2]
+        above = self.planner.upwards(goal, height)[-1]
+        self._drive(self.planner.across(self.hand.posture, above))
+
+    def retreat(self) -> None:
+        """Straight up, and back beside the table."""
+        prepare = self.world.robot.poses["prepare"]
+        self.lift(prepare)
+        self._drive(np.array([self.hand.posture, prepare]))
+
+    def settle(self) -> None:
+        """Wait until everything rests (at most 1.5 seconds)."""
+        velocities = self.world._physics.block_velocities[:, None] + np.arange(6)
+        held = self.hand.held
+        for _ in range(15):
+            self.hand.wait(0.1)
+            speeds = np.abs(self.world._data.qvel[velocities]).max(axis=1, initial=0.0)
+            if held is not None:
+                speeds[held] = 0.0
+            if speeds.max(initial=0.0) < 5e-3:
+                break
+
+    def story(
+        self, begins_held: int | None, grasped: int | None, distance: float | None, closed: bool
+    ) -> str:
+        """What the hand did, as a clause."""
+        blocks = self.world.blocks
+        told = []
+        if self.stopped:
+            told.append(f"the hand pushed on something and stopped ({', '.join(self.stopped)})")
+        if begins_held is not None and grasped is None:
+            told.append("the hand was told to open before it had placed its block")
+        elif begins_held is not None:
+            told.append("the hand kept its block" if self.hand.held is not None else "the hand let go")
+        elif grasped is not None:
+            kind = f"{blocks[grasped].color.value} {blocks[grasped].shape.value}"
+            told.append(f"the hand grasped the {kind} {1000 * (distance or 0):.1f} mm from the pinch")
+        elif closed and distance is None:
+            told.append("the hand was told to be closed before the grasp and held nothing")
+        elif distance is not None:
+            told.append(
+                f"the hand closed {1000 * distance:.0f} mm from the nearest block's grasp point "
+                f"(the gate is {1000 * GATE:.0f} mm) and held nothing"
+            )
+        else:
+            told.append("there was nothing to grasp")
+        return "; ".join(told)
+
+    def _drive(
+        self, postures: Float[np.ndarray, "k n"], *, careful: bool = False, approach: float = 0.0
+    ) -> None:
+        motion = self.planner.motion(np.asarray(postures), TIME_STEP, approach)
+        if not self.hand.follow(motion, careful=careful):
+            self.stopped.append(self._phase)
+        elif careful:
+            self.hand.wait(0.06)
+
+    def _clear_height(
+        self, start: Float[np.ndarray, " n"], goal: Float[np.ndarray, " n"]
+    ) -> float:
+        """Height of the pinch at which a held block passes over all blocks on the way."""
+        robot = self.world.robot
+        a, b = self.planner.pinch(start), self.planner.pinch(goal)
+        positions = self.world._poses().positions
+        others = np.arange(len(positions)) != (-1 if self.hand.held is None else self.hand.held)
+        along = b[:2] - a[:2]
+        length = max(float(along @ along), 1e-9)
+        share = np.clip((positions[:, :2] - a[:2]) @ along / length, 0.0, 1.0)
+        gaps = np.linalg.norm(positions[:, :2] - (a[:2] + share[:, None] * along), axis=1)
+        tops = positions[others & (gaps < CORRIDOR), 2] + BLOCK_HALF[2]
+        hanging = robot.pinch_clearance + BLOCK_SIZE + AIR
+        highest = robot.pinch_position((0, 0, 7))[2] + HIGHEST
+        return float(min(max([b[2] + LEAST_LIFT, *(tops + hanging)]), highest))
+
+
+def _flat(answer: Any, width: int, robot: Robot) -> Float[np.ndarray, " k"]:
+    try:
+        flat = np.asarray(answer, dtype=float)
+    except (TypeError, ValueError) as error:
+        raise InputError(
+            f"{type(answer).__name__} is no answer: give an object with grasp and place, "
+            f"or {width} numbers."
+        ) from error
+    if flat.shape != (width,):
+        shape: Sequence[int] = flat.shape
+        raise InputError(
+            f"Targets of shape {tuple(shape)}; robot {robot.name!r} needs {width} numbers: "
+            f"{len(robot.joint_names)} angles and a gripper value, for the grasp and the place."
+        )
+    return flat
