@@ -163,11 +163,11 @@ def _block(value: Any, index: int) -> Block:
     if not isinstance(color, str) or color not in _COLORS:
         raise InputError(
             f"The color of {what} is {_shown(color)}; known: {', '.join(_COLORS)}."
-            + did_you_mean(str(color), list(_COLORS))
+            + (did_you_mean(color, list(_COLORS)) if isinstance(color, str) else "")
         )
     if not isinstance(shape, str) or shape not in _SHAPES:
         raise InputError(
             f"The shape of {what} is {_shown(shape)}; known: {', '.join(_SHAPES)}."
-            + did_you_mean(str(shape), list(_SHAPES))
+            + (did_you_mean(shape, list(_SHAPES)) if isinstance(shape, str) else "")
         )
     return Block(_COLORS[color], _SHAPES[shape], _cell(fields["cell"], what))

@@ -55,7 +55,7 @@ def plan(tree: Tree, layout: Layout, *, soften: bool = False) -> Move:
             target = _resting(here[:2], grounding)
             held = False
         else:
-            raise PlanningError(f"Where shall {describe(event.entity)} go?")
+            raise PlanningError(f"It is not said where {describe(event.entity)} shall go.")
     assert block is not None and target is not None
     if target == block.cell and not held:
         raise PlanningError(f"{_the(block)} already is there.")
@@ -95,11 +95,11 @@ def _moved_block(event: Event, grounding: Grounding, held: bool) -> Block:
         if action is Action.TAKE:
             raise PlanningError(f"The gripper already holds {_the(holds).lower()}.")
         try:
-            grounding.find(entity, among=[holds])
+            found = grounding.find(entity, among=[holds])
         except PlanningError:
-            raise PlanningError(
-                f"The gripper holds {_the(holds).lower()}, not {describe(entity)}."
-            ) from None
+            found = []
+        if not any(thing.blocks == 1 and thing.cells[0] == holds.cell for thing in found):
+            raise PlanningError(f"The gripper holds {_the(holds).lower()}, not {describe(entity)}.")
         return holds
     if action is Action.DROP:
         raise PlanningError("Nothing is held, so nothing can be put down.")

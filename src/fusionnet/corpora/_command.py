@@ -50,7 +50,7 @@ class Corpus:
     scenes: Mapping[int, Scene]
     layouts: Mapping[int, Layout]
 
-    def split(self, part: Part) -> list[Command]:
+    def split(self, part: str) -> list[Command]:
         """The commands of one part; scenes without a group belong to "test".
 
         Raises:

@@ -121,7 +121,8 @@ def _entity(entity: Entity) -> str:
             words.append(_number(entity.cardinal.value))
         colors = [leaf.value.value for leaf in entity.colors]
         words += [" and ".join(filter(None, [", ".join(colors[:-1]), *colors[-1:]]))]
-        words += [_NOUNS[kind]]
+        plural = entity.cardinal is not None and entity.cardinal.value > 1
+        words += [_NOUNS[kind] + "s" * (plural and kind in (Type.CUBE, Type.PRISM))]
         said = "the " + " ".join(filter(None, words))
     return " ".join([said, *(describe_relation(r) for r in entity.relations)])
 
