@@ -17,13 +17,11 @@ to the recorded layout:
 import math
 from collections.abc import Iterable, Mapping
 
-from fusionnet.blocks.grid import GRID, Block, Cell, Color, Layout, Shape
+from fusionnet.blocks.grid import Block, Cell, Color, Layout, Shape
+from fusionnet.blocks.things import BOARD, CENTER, STEPS, Column, Thing, distance, places
 from fusionnet.errors import PlanningError
 from fusionnet.rcl import Entity, Indicator, Relation, SpatialRelation, Type
 from fusionnet.rcl.english import describe, describe_relation
-
-Column = tuple[int, int]
-"""The (x, y) of a column of cells."""
 
 SOFTENED: Mapping[Color, Color] = {
     **{color: color for color in Color},
@@ -35,82 +33,9 @@ SOFTENED: Mapping[Color, Color] = {
 EXACT: Mapping[Color, Color] = {color: color for color in Color}
 """Every colour by its own name."""
 
-STEPS: Mapping[Relation, Column] = {
-    Relation.LEFT: (0, 1),
-    Relation.RIGHT: (0, -1),
-    Relation.FORWARD: (1, 0),
-    Relation.FRONT: (1, 0),
-    Relation.BACKWARD: (-1, 0),
-}
-"""One square in a direction."""
-
-_FAR = GRID - 1
 _SHAPES = {Type.CUBE: Shape.CUBE, Type.PRISM: Shape.PRISM}
 _PLACES = (Type.CORNER, Type.EDGE, Type.REGION, Type.BOARD, Type.ROBOT)
 _STACKS = (Type.STACK, Type.CUBE_GROUP, Type.TYPE_REFERENCE_GROUP)
-
-
-class Thing:
-    """One thing that an entity may stand for.
-
-    Attributes:
-        cells: Its cells; of a stack from the bottom to the top. A place has the
-            cells at z = -1 below its squares.
-        blocks: How many blocks it consists of; 0 for a place.
-    """
-
-    __slots__ = ("blocks", "cells")
-
-    def __init__(self, cells: tuple[Cell, ...], blocks: int) -> None:
-        self.cells = cells
-        self.blocks = blocks
-
-
-def squares(columns: Iterable[Column]) -> Thing:
-    """A place: some squares of the board."""
-    return Thing(tuple(Cell(x, y, -1) for x, y in columns), 0)
-
-
-_CENTER = squares([(x, y) for x in (3, 4) for y in (3, 4)])
-_BOARD = squares([(x, y) for x in range(GRID) for y in range(GRID)])
-_ROBOT = squares([(-1, y) for y in range(GRID)])
-_CORNERS = {(x, y): squares([(x, y)]) for x in (0, _FAR) for y in (0, _FAR)}
-_EDGES = {
-    Indicator.FRONT: squares([(_FAR, y) for y in range(GRID)]),
-    Indicator.BACK: squares([(0, y) for y in range(GRID)]),
-    Indicator.LEFT: squares([(x, _FAR) for x in range(GRID)]),
-    Indicator.RIGHT: squares([(x, 0) for x in range(GRID)]),
-}
-
-
-def places(entity: Entity) -> list[Thing]:
-    """The places that a corner, edge, region, board or robot may stand for."""
-    kind = entity.type.value
-    said = [leaf.value for leaf in entity.indicators]
-    if kind is Type.BOARD:
-        return [_BOARD]
-    if kind is Type.ROBOT:
-        return [_ROBOT]
-    if kind is Type.REGION and Indicator.CENTER in said:
-        return [_CENTER]
-    sides = [side for side in said if side in _EDGES]
-    if kind is Type.EDGE or (kind is Type.REGION and len(sides) == 1):
-        return [_EDGES[side] for side in sides] or list(_EDGES.values())
-    if kind is Type.REGION and not sides:
-        return [_BOARD]
-    return [
-        place
-        for column, place in _CORNERS.items()
-        if all(Cell(*column, -1) in _EDGES[side].cells for side in sides)
-    ]
-
-
-def distance(one: Thing, other: Thing) -> float:
-    """Between the nearest squares of two things, in squares, on the board."""
-    if len(one.cells) == 1 and len(other.cells) == 1:
-        (ax, ay, _), (bx, by, _) = one.cells[0], other.cells[0]
-        return math.hypot(ax - bx, ay - by)
-    return min(math.hypot(a.x - b.x, a.y - b.y) for a in one.cells for b in other.cells)
 
 
 class Grounding:
@@ -241,7 +166,7 @@ class Grounding:
             return found
         landmarks = self.find(landmark)
         kind = relation.relation.value
-        side = landmark.type.value is Type.REGION and landmarks[0] is not _CENTER
+        side = landmark.type.value is Type.REGION and landmarks[0] is not CENTER
         if kind is Relation.NEAREST or (side and kind in (Relation.ABOVE, Relation.WITHIN)):
             kept = self._nearest(found, landmarks)
         else:
@@ -285,7 +210,7 @@ class Grounding:
                 raise PlanningError(f"No {_said(entity)} stands by itself.")
         for indicator in said:
             if indicator is Indicator.CENTER:
-                found = self._nearest(found, [_CENTER])
+                found = self._nearest(found, [CENTER])
             elif indicator is not Indicator.INDIVIDUAL:
                 axis, sign = _ORDER[indicator]
                 least = min(sign * thing.cells[0][axis] for thing in found)
@@ -311,7 +236,7 @@ def _lies(thing: Thing, kind: Relation, mark: Thing, reach: int) -> bool:
     if kind is Relation.ABOVE or kind is Relation.WITHIN:
         if mark.blocks:
             return mark.cells[-1] == (x, y, z - 1)
-        if mark is _BOARD:
+        if mark is BOARD:
             return z == 0
         return (x, y, -1) in mark.cells
     if kind is Relation.ADJACENT:

@@ -8,7 +8,8 @@ at which it is held, 2 to 7, follows no rule).
 from collections.abc import Iterable
 
 from fusionnet.blocks.grid import GRID, Block, Cell, Gripper, Layout, Move, Shape
-from fusionnet.blocks.grounding import EXACT, SOFTENED, STEPS, Column, Grounding, Thing
+from fusionnet.blocks.grounding import EXACT, SOFTENED, Grounding
+from fusionnet.blocks.things import STEPS, Column, Thing
 from fusionnet.errors import PlanningError
 from fusionnet.rcl import Action, Event, Relation, SpatialRelation, Tree, Type, describe, events
 from fusionnet.rcl.english import describe_relation
