@@ -157,9 +157,7 @@ def _episode(
     )
     image = world.image("left_eye")
     wanted = plan(command.tree, before)
-    after = apply(
-        wanted, before
-    )  # as recorded, but a taken block is held where the planner holds it
+    after = apply(wanted, before)  # recorded; a take is held as planned
     began = time.perf_counter()
     try:
         answer = policy(image, command.sentence)

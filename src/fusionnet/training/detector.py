@@ -1,4 +1,4 @@
-"""Train the detector: pictures rendered through the robot's eye, boxes, poses and occupancy learned.
+"""Train the detector: boxes, camera pose and occupancy from pictures of the robot's eye.
 
 `fusionnet train detector` runs this: it renders the pictures that are missing, trains,
 measures on pictures of the validation groups' layouts, and writes a checkpoint.
@@ -11,6 +11,7 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 import torch
 
@@ -171,7 +172,7 @@ def _vary(image: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     """Small changes of brightness and of the sensor, anew in every epoch."""
     gain = rng.uniform(0.9, 1.1) * rng.uniform(0.97, 1.03, 3)
     table = np.clip(np.arange(256)[:, None] * gain + rng.uniform(-8, 8), 0, 255).astype(np.uint8)
-    return np.stack([table[image[..., c], c] for c in range(3)], axis=-1)
+    return cv2.LUT(image, table[:, None])
 
 
 def detector_losses(

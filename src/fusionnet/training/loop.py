@@ -103,7 +103,7 @@ def fit(
         precision=config.precision,  # type: ignore[arg-type]
     )
     fabric.launch()
-    optimizer = torch.optim.AdamW(_groups(model, config), lr=config.learning_rate)
+    optimizer = torch.optim.AdamW(_groups(model, config), lr=config.learning_rate, fused=True)
     average = {n: p.detach().clone() for n, p in model.named_parameters()}
     first = _resume(folder, model, optimizer, average)
     wrapped, optimizer = fabric.setup(model, optimizer)

@@ -1,4 +1,4 @@
-"""A residual backbone of 1.4 M parameters for two CPU cores: strides 4, 8 and 16."""
+"""A residual backbone of one million parameters for two CPU cores: strides 4, 8 and 16."""
 
 from jaxtyping import Float
 from torch import Tensor, nn
@@ -38,7 +38,7 @@ class Small(nn.Module):
     """Stem of stride 4 and three stages of residual blocks."""
 
     strides = (4, 8, 16)
-    channels = (48, 96, 160)
+    channels = (40, 80, 128)
 
     def __init__(self) -> None:
         super().__init__()

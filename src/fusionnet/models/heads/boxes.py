@@ -55,8 +55,8 @@ class BoxHead(nn.Module):
         *,
         channels: int,
         input_size: tuple[int, int],
-        sizes: tuple[float, ...] = (9.0, 17.0, 29.0),
-        ratios: tuple[float, ...] = (0.7, 1.2),
+        sizes: tuple[float, ...] = (10.0, 18.0, 28.0),
+        ratios: tuple[float, ...] = (1.0,),
         width: int = 64,
     ) -> None:
         super().__init__()

@@ -1,0 +1,1 @@
+"""Networks, built from heads, backbones and fusers that plug in; checkpoints are safetensors."""
