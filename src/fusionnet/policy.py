@@ -206,7 +206,7 @@ class Policy:
         with _stage(milliseconds, "vote"):
             elected = self._vote(sight, readings)
         with _stage(milliseconds, "fuse"):
-            fused = self.fusion(
+            fused = self.fusion.fusion(
                 sight.cells, sight.holding, [(r.tree, r.probability) for r in readings]
             )
         if elected.move is None:

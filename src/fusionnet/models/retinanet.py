@@ -149,11 +149,14 @@ class RetinaNet(nn.Module):
             **self.occupancy_head.losses(outputs["occupancy"], batch.cells, batch.holding),
         }
 
-    @torch.inference_mode()
     def see(self, image: UInt8[np.ndarray, "h w 3"]) -> Sight:
-        """Everything that the network reads from one picture of the eye."""
-        prepared = torch.from_numpy(self.frame.prepare(image))[None]
-        outputs = self(prepared)
+        """Everything that the network reads from one picture of the eye, of any size."""
+        return self.see_prepared(self.frame.prepare(image))
+
+    @torch.inference_mode()
+    def see_prepared(self, picture: UInt8[np.ndarray, "h w 3"]) -> Sight:
+        """The same from a picture that is cropped and sized as the network's input."""
+        outputs = self(torch.from_numpy(picture)[None])
         boxes = self.box_head.predict(outputs["boxes"])[0]
         xyxy = self.frame.to_eye(boxes.xyxy.double().numpy())
         logits, held = outputs["occupancy"]
