@@ -1,0 +1,321 @@
+"""FusionNet: what is seen and what is said become the arm's fourteen values.
+
+`compact()`, the model that we ship, takes two intermediate representations: the
+occupancy of the grid, read from a picture, and Robot Command Language trees, translated
+from the sentence. A tree executor fuses them into a distribution over cells for the
+grasp and one for the place, from which the joint values follow by the robot's
+cell-to-joint table: as an expectation in training, from the likeliest cell and its
+neighbours at inference.
+
+References:
+    Thesis, sections 4.2 (scaling), 4.3 and chapter 8 (attention between the modalities).
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from jaxtyping import Float
+from torch import Tensor, nn
+from torch.nn.functional import binary_cross_entropy_with_logits, mse_loss, nll_loss
+
+from fusionnet.blocks.grid import GRID
+from fusionnet.errors import CheckpointError, InputError, PlanningError
+from fusionnet.models.checkpoint import load_checkpoint, restore, save_checkpoint
+from fusionnet.models.fusers.tree_executor import Execution, TreeExecutor
+from fusionnet.models.soft_layout import CELLS, soft_layout
+from fusionnet.models.tree_program import (
+    Goal,
+    Held,
+    PackedPrograms,
+    TreeProgram,
+    compile_tree,
+    pack,
+)
+from fusionnet.rcl import Tree
+
+KIND = "fusionnet"
+MICRO = 1e-6
+"""Joint tables are stored as whole micro-radians, which no half precision touches."""
+
+
+@dataclass(frozen=True)
+class FusionAnswer:
+    """What the network answers to a picture's reading and a sentence's trees.
+
+    Attributes:
+        targets: Grasp joints [rad], gripper, place joints [rad], gripper (1 closed).
+        source: Probability of each cell to be where the block is taken from.
+        target: Probability of each cell to be where it goes.
+        source_cell: Index of the cell of the grasp.
+        target_cell: Index of the cell of the place.
+        confidence: Probability of the two cells together.
+        ends_held: Probability that the block stays in the hand.
+        weights: Probability of each reading after looking at the layout.
+        attention: For each entity of the likeliest reading, its words and how
+            strongly each cell belongs to it.
+    """
+
+    targets: Float[np.ndarray, " 2n+2"]
+    source: Float[np.ndarray, "512"]
+    target: Float[np.ndarray, "512"]
+    source_cell: int
+    target_cell: int
+    confidence: float
+    ends_held: float
+    weights: tuple[float, ...]
+    attention: list[tuple[str, Float[np.ndarray, "512"]]]
+
+
+class FusionNet(nn.Module):
+    """Fuse occupancy probabilities with trees into joint values.
+
+    Args:
+        robot: Name of the robot that the joint table belongs to.
+        joint_names: Its arm's joints.
+        joint_limits: Lowest and highest value of each [rad], for scaling to 0 ... 1.
+        joint_table: Values of the joints for each of the 512 cells [rad]; may be left
+            out when the weights are filled in afterwards.
+    """
+
+    def __init__(
+        self,
+        *,
+        robot: str,
+        joint_names: Sequence[str],
+        joint_limits: Sequence[Sequence[float]],
+        joint_table: Float[np.ndarray, "512 n"] | None = None,
+    ) -> None:
+        super().__init__()
+        joints = len(joint_names)
+        if np.shape(joint_limits) != (joints, 2):
+            raise CheckpointError(f"{joints} joints need as many pairs of limits.")
+        self.config: dict[str, Any] = {
+            "robot": robot,
+            "joint_names": list(joint_names),
+            "joint_limits": [[float(v) for v in pair] for pair in joint_limits],
+        }
+        table = np.zeros((CELLS, joints)) if joint_table is None else joint_table
+        micro = torch.from_numpy(np.rint(np.asarray(table) / MICRO).astype(np.int32))
+        self.register_buffer("table", micro)
+        limits = torch.tensor(self.config["joint_limits"], dtype=torch.float32)
+        self.register_buffer("limits", limits, persistent=False)
+        self.executor = TreeExecutor()
+        self.ends = nn.Parameter(torch.zeros(len(Goal)))
+        place = torch.arange(CELLS)
+        cells = torch.stack([place // GRID**2, place // GRID % GRID, place % GRID], dim=1)
+        near = (cells[:, None] - cells[None]).abs().amax(2) <= 1
+        self.register_buffer("near", near, persistent=False)
+
+    table: Tensor
+    limits: Tensor
+    near: Tensor
+
+    @property
+    def scaled_table(self) -> Float[Tensor, "512 n"]:
+        """The joint table scaled to 0 ... 1 by the joint limits (thesis 4.2)."""
+        low, high = self.limits.T
+        return (self.table * MICRO - low) / (high - low)
+
+    def execute(
+        self,
+        programs: PackedPrograms,
+        occupancy: Float[Tensor, "b 8 8 8 17"],
+        holding: Float[Tensor, " b"],
+    ) -> tuple[Execution, Float[Tensor, " b"]]:
+        """Log distributions over cells, and the logit of the block ending held."""
+        execution = self.executor(programs, soft_layout(occupancy, holding))
+        return execution, self.ends[programs.goal]
+
+    def joints(
+        self,
+        source: Float[Tensor, "b 512"],
+        target: Float[Tensor, "b 512"],
+        holding: Float[Tensor, " b"],
+        ends_held: Float[Tensor, " b"],
+    ) -> Float[Tensor, "b _"]:
+        """The fourteen scaled values that are expected under two distributions over cells."""
+        table = self.scaled_table
+        parts = [source @ table, holding[:, None], target @ table, ends_held[:, None]]
+        return torch.cat(parts, dim=1)
+
+    def losses(
+        self,
+        programs: PackedPrograms,
+        occupancy: Float[Tensor, "b 8 8 8 17"],
+        holding: Float[Tensor, " b"],
+        source: Tensor,
+        target: Tensor,
+        begins: Float[Tensor, " b"],
+    ) -> dict[str, Tensor]:
+        """Named losses of a batch.
+
+        - `grasp`, `place`: cross-entropy of the cells with the indices `source`, `target`
+        - `holds`: binary cross-entropy of the block ending held
+        - `joints`: mean squared error of the fourteen scaled values (thesis 4.3.2)
+        """
+        execution, ends = self.execute(programs, occupancy, holding)
+        wanted = programs.ends_held.float()
+        expected = self.joints(
+            execution.source.exp(), execution.target.exp(), holding, ends.sigmoid()
+        )
+        table = self.scaled_table
+        truth = torch.cat([table[source], begins[:, None], table[target], wanted[:, None]], dim=1)
+        return {
+            "grasp": nll_loss(execution.source, source),
+            "place": nll_loss(execution.target, target),
+            "holds": binary_cross_entropy_with_logits(ends, wanted),
+            "joints": mse_loss(expected, truth),
+        }
+
+    @torch.inference_mode()
+    def forward(
+        self,
+        occupancy: Float[np.ndarray, "8 8 8 17"],
+        holding: float,
+        readings: Sequence[tuple[Tree, float]],
+    ) -> FusionAnswer:
+        """The answer to one picture and the k best readings of one sentence.
+
+        A reading counts by its probability and by how well the layout has what it
+        speaks of; the pair of cells with the greatest sum over readings is chosen.
+
+        Args:
+            occupancy: Probabilities of the 16 classes and of emptiness for each cell.
+            holding: Probability that the gripper holds a block.
+            readings: Trees and their probabilities, the likeliest first.
+
+        Raises:
+            InputError: If an array has the wrong shape, or there is no reading.
+            PlanningError: If no reading makes sense, whatever the layout.
+        """
+        programs, weights, labels = _programs_of(readings)
+        cells = torch.from_numpy(np.array(occupancy, dtype=np.float32))
+        if cells.shape != (GRID, GRID, GRID, 17):
+            raise InputError(f"The occupancy must have shape (8, 8, 8, 17), not {cells.shape}.")
+        packed = pack(programs)
+        held = torch.full((len(programs),), float(holding))
+        expanded = cells.expand(len(programs), -1, -1, -1, -1)
+        execution, ends = self.execute(packed, expanded, held)
+        weight = weights * self._evidence(packed, programs, execution, float(holding))
+        weight = weight / weight.sum()
+        source, target = execution.source.exp(), execution.target.exp()
+        pair = torch.einsum("k,ki,kj->ij", weight, source, target)
+        best = int(pair.argmax())
+        source_cell, target_cell = best // CELLS, best % CELLS
+        chosen = weight * source[:, source_cell] * target[:, target_cell]
+        ends_held = (chosen @ ends.sigmoid()) / chosen.sum()
+        grasp = self._sharpened(pair[:, target_cell], source_cell)
+        place = self._sharpened(pair[source_cell], target_cell)
+        scaled = self.joints(grasp, place, held[:1].round(), ends_held[None].round())[0]
+        likeliest = int(chosen.argmax())
+        attention = [
+            (labels[likeliest][step], execution.steps[row].exp().numpy())
+            for row, (example, step) in enumerate(packed.order)
+            if example == likeliest
+        ]
+        return FusionAnswer(
+            targets=self.unscale(scaled.double().numpy()),
+            source=(weight @ source).numpy(),
+            target=(weight @ target).numpy(),
+            source_cell=source_cell,
+            target_cell=target_cell,
+            confidence=float(pair[source_cell, target_cell]),
+            ends_held=float(ends_held),
+            weights=tuple(weight.tolist()),
+            attention=attention,
+        )
+
+    def _evidence(
+        self,
+        packed: PackedPrograms,
+        programs: Sequence[TreeProgram],
+        execution: Execution,
+        holding: float,
+    ) -> Float[Tensor, " k"]:
+        """How likely the layout has everything that each program speaks of."""
+        exists = execution.steps.amax(1)
+        of_program = torch.tensor([example for example, _ in packed.order])
+        evidence = torch.zeros(len(programs)).index_add(0, of_program, exists).exp()
+        possible = torch.where(
+            packed.held == Held.NO, 1 - holding, torch.where(packed.held == Held.YES, holding, 1.0)
+        )
+        return evidence * possible.clamp(min=1e-3) + 1e-12
+
+    def _sharpened(self, mass: Float[Tensor, "512"], cell: int) -> Float[Tensor, "1 512"]:
+        """A distribution on a cell and its neighbours, its weights raised to the eighth power."""
+        local = torch.where(self.near[cell], mass / mass[cell], 0.0) ** 8
+        return (local / local.sum())[None]
+
+    def unscale(self, scaled: Float[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:
+        """Fourteen values from 0 ... 1 to radians; gripper values stay as they are."""
+        low, high = np.asarray(self.config["joint_limits"]).T
+        low = np.concatenate([low, [0.0], low, [0.0]])
+        high = np.concatenate([high, [1.0], high, [1.0]])
+        return np.asarray(scaled) * (high - low) + low
+
+    def save(self, folder: Path, metadata: dict[str, Any] | None = None) -> None:
+        """Write a checkpoint folder, in half precision but for the joint table.
+
+        Raises:
+            OutputError: If it cannot be written.
+        """
+        save_checkpoint(
+            Path(folder),
+            kind=KIND,
+            config=self.config,
+            tensors=self.state_dict(),
+            metadata=metadata,
+            half=True,
+        )
+
+    @classmethod
+    def from_folder(cls, folder: Path | str) -> "FusionNet":
+        """Read a checkpoint folder.
+
+        Raises:
+            CheckpointError: If it is missing, damaged, or of another kind or version.
+        """
+        checkpoint = load_checkpoint(Path(folder), KIND)
+        try:
+            model = cls(**checkpoint.config)
+        except (TypeError, ValueError) as error:
+            raise CheckpointError(f"The configuration in {folder} is not valid: {error}") from error
+        restore(model, checkpoint.tensors, Path(folder))
+        return model.eval()
+
+
+def _programs_of(
+    readings: Sequence[tuple[Tree, float]],
+) -> tuple[list[TreeProgram], Float[Tensor, " k"], list[list[str]]]:
+    """Programs of the readings that make sense, with weights and the labels of their steps."""
+    programs: list[TreeProgram] = []
+    weights: list[float] = []
+    refusal = PlanningError("The sentence was not understood.")
+    for tree, probability in readings:
+        try:
+            programs.append(compile_tree(tree))
+        except PlanningError as error:
+            refusal = error if tree is readings[0][0] else refusal
+            continue
+        weights.append(max(float(probability), 1e-9))
+    if not programs:
+        raise refusal
+    labels = [[step.label for step in program.steps] for program in programs]
+    return programs, torch.tensor(weights), labels
+
+
+def compact(robot: str = "nico") -> FusionNet:
+    """The untrained network that we ship, for one robot of the catalogue."""
+    from fusionnet import robots
+
+    body = robots.load(robot)
+    return FusionNet(
+        robot=body.name,
+        joint_names=body.joint_names,
+        joint_limits=body.joint_limits.tolist(),
+        joint_table=body.joint_table.reshape(CELLS, -1),
+    )

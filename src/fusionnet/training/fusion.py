@@ -1,0 +1,213 @@
+"""Train the compact FusionNet's fusion part: from soft layouts and trees to cells and joints.
+
+The planner labels varied trees of the training groups on varied layouts
+(`planned_examples`), the layouts are seen with a reader's doubts
+(`simulated_readings`), or as a real reader saw them where such readings are given.
+"""
+
+import logging
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from fusionnet.blocks import Move, plan
+from fusionnet.corpora import Command, load_corpus
+from fusionnet.errors import InputError
+from fusionnet.models.fusionnet import FusionNet, compact
+from fusionnet.models.tree_program import PackedPrograms, compile_tree, pack
+from fusionnet.randomness import generator
+from fusionnet.training.loop import LoopConfig, fit
+from fusionnet.training.planned_examples import Example, PlannedExamples
+from fusionnet.training.reader_outputs import ReaderOutputs, load_reader_outputs
+from fusionnet.training.simulated_readings import cells_of, exact_readings, simulated_readings
+
+log = logging.getLogger(__name__)
+
+Progress = Callable[[int, int, Any], None]
+
+
+@dataclass(frozen=True, kw_only=True)
+class FusionConfig:
+    """How to train the fusion part.
+
+    Attributes:
+        out: Folder of the checkpoint.
+        data: Folder of the treebank.
+        robot: Name of the robot whose joint table is used.
+        steps: Optimiser steps in all.
+        batch: Examples a step.
+        learning_rate: Peak of the schedule.
+        exact: Share of the examples whose layout is read without doubt.
+        joints_weight: Weight of the loss on the fourteen scaled joint values.
+        readings: A file of a real reader's outputs (`reader_outputs`), to train on as well.
+        readings_share: Share of the examples that are drawn from it.
+        seed: Of everything random.
+        threads: Of PyTorch.
+        run: Folder of the log and the resumable state; nowhere by default.
+    """
+
+    out: Path
+    data: Path = Path("../shared/data")
+    robot: str = "nico"
+    steps: int = 3000
+    batch: int = 64
+    learning_rate: float = 0.03
+    exact: float = 0.2
+    joints_weight: float = 3.0
+    readings: Path | None = None
+    readings_share: float = 0.4
+    seed: int = 0
+    threads: int = 1
+    run: Path | None = None
+
+    def __post_init__(self) -> None:
+        """Refuse values that cannot train."""
+        if self.steps < 1 or self.batch < 1 or self.threads < 1:
+            raise InputError("steps, batch and threads must be at least 1.")
+        if not (0 <= self.exact <= 1 and 0 <= self.readings_share <= 1):
+            raise InputError("exact and readings_share are shares, from 0 to 1.")
+
+
+class FusionBatch(NamedTuple):
+    """Programs with layouts as they were read, and the cells that the planner found."""
+
+    programs: PackedPrograms
+    occupancy: Float[Tensor, "b 8 8 8 17"]
+    holding: Float[Tensor, " b"]
+    source: Tensor
+    target: Tensor
+    begins: Float[Tensor, " b"]
+
+
+def train(config: FusionConfig, progress: Progress | None = None) -> dict[str, Any]:
+    """Train, write the checkpoint, and return what it can do on val and test groups.
+
+    Raises:
+        DataError: If the treebank or the readings are missing or damaged.
+        OutputError: If the checkpoint cannot be written.
+    """
+    torch.set_num_threads(config.threads)
+    torch.manual_seed(config.seed)
+    began = time.monotonic()
+    corpus = load_corpus("treebank", config.data)
+    examples = PlannedExamples(corpus.split("train"))
+    outputs = load_reader_outputs(config.readings) if config.readings is not None else None
+    model = compact(config.robot)
+
+    def batches(first: int) -> Iterator[FusionBatch]:
+        for step in range(first, config.steps):
+            rng = generator(config.seed, "fusion", "train", step)
+            yield draw_batch(examples, outputs, config, rng)
+
+    fit(
+        model,
+        batches,
+        _losses,
+        LoopConfig(
+            steps=config.steps,
+            learning_rate=config.learning_rate,
+            weight_decay=0.0,
+            loss_weights={"joints": config.joints_weight, "holds": 0.1},
+            average=0.998,
+        ),
+        folder=config.run,
+        progress=progress,
+    )
+    metrics = evaluate_cells(model, {p: corpus.split(p) for p in ("val", "test")}, config.seed)
+    metrics["minutes"] = round((time.monotonic() - began) / 60, 1)
+    stated = {k: str(v) if isinstance(v, Path) else v for k, v in asdict(config).items()}
+    model.save(config.out, {"metrics": metrics, "training": stated})
+    return metrics
+
+
+def _losses(network: Any, batch: FusionBatch) -> dict[str, Tensor]:
+    losses: dict[str, Tensor] = network.losses(*batch)
+    return losses
+
+
+def draw_batch(
+    examples: PlannedExamples,
+    outputs: ReaderOutputs | None,
+    config: FusionConfig,
+    rng: np.random.Generator,
+) -> FusionBatch:
+    """A batch of planned examples, seen with doubt."""
+    drawn: list[Example] = []
+    read: list[tuple[np.ndarray, float]] = []
+    while outputs is not None and len(drawn) < round(config.readings_share * config.batch):
+        place = int(rng.integers(len(outputs)))
+        example = examples.draw_on(outputs.layout(place), rng)
+        if example is not None:
+            drawn.append(example)
+            read.append(outputs.reading(place))
+    while len(drawn) < config.batch:
+        drawn.append(examples.draw(rng))
+    cells, held = cells_of([example.layout for example in drawn])
+    severity = rng.uniform(0, 1, len(drawn)) * (rng.random(len(drawn)) > config.exact)
+    occupancy, holding = simulated_readings(cells, held, rng, severity)
+    for place, (cell_probabilities, held_probability) in enumerate(read):
+        occupancy[place], holding[place] = cell_probabilities, held_probability
+    return batch_of([(e.tree, e.move) for e in drawn], occupancy, holding)
+
+
+def batch_of(
+    commands: Sequence[tuple[Any, Move]], occupancy: np.ndarray, holding: np.ndarray
+) -> FusionBatch:
+    """A batch from trees with their moves, and readings of their layouts."""
+    moves = [move for _, move in commands]
+    return FusionBatch(
+        pack([compile_tree(tree) for tree, _ in commands]),
+        torch.from_numpy(occupancy),
+        torch.from_numpy(holding),
+        torch.tensor([move.source.index for move in moves]),
+        torch.tensor([move.target.index for move in moves]),
+        torch.tensor([float(move.begins_held) for move in moves]),
+    )
+
+
+@torch.inference_mode()
+def evaluate_cells(
+    model: FusionNet, parts: dict[str, list[Command]], seed: int = 0
+) -> dict[str, Any]:
+    """How often both cells are right, on layouts read exactly and with doubt.
+
+    The commands are real ones with gold trees; the moves are the planner's. Doubt is
+    simulated, at a severity of 0.5 and of random severity up to 1.
+    """
+    metrics: dict[str, Any] = {}
+    for part, commands in parts.items():
+        cells, held = cells_of([command.scene.before for command in commands])
+        rng = generator(seed, "fusion", "evaluate", part)
+        middle = np.full(len(commands), 0.5)
+        readings = {
+            "exact": exact_readings(cells, held),
+            "soft": simulated_readings(cells, held, rng),
+            "half": simulated_readings(cells, held, rng, middle),
+        }
+        for name, (occupancy, holding) in readings.items():
+            right = cells_right(model, commands, occupancy, holding)
+            metrics[f"{part} {name}"] = round(float(right.mean()), 4)
+    return metrics
+
+
+@torch.inference_mode()
+def cells_right(
+    model: FusionNet, commands: Sequence[Command], occupancy: np.ndarray, holding: np.ndarray
+) -> Float[np.ndarray, " n"]:
+    """Whether grasp cell and place cell are both the planner's, for each command."""
+    right = np.zeros(len(commands))
+    for first in range(0, len(commands), 64):
+        some = slice(first, first + 64)
+        planned = [(c.tree, plan(c.tree, c.scene.before)) for c in commands[some]]
+        batch = batch_of(planned, occupancy[some], holding[some])
+        execution, _ = model.execute(batch.programs, batch.occupancy, batch.holding)
+        source, target = execution.source.argmax(1), execution.target.argmax(1)
+        right[some] = ((source == batch.source) & (target == batch.target)).float().numpy()
+    return right

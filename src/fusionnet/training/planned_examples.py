@@ -1,0 +1,315 @@
+"""Unlimited exact examples: the planner labels varied trees on varied layouts.
+
+A tree of the training groups keeps its form; its colours, sides and numbers change.
+The layout is its own, with the same changes, or an edited, foreign or random one.
+What the planner refuses is thrown away.
+"""
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields, is_dataclass, replace
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from fusionnet.blocks import (
+    GRID,
+    Block,
+    Cell,
+    Color,
+    Gripper,
+    Layout,
+    Move,
+    Shape,
+    plan,
+)
+from fusionnet.corpora import Command
+from fusionnet.errors import PlanningError
+from fusionnet.models.tree_program import compile_tree
+from fusionnet.rcl import Action, Indicator, Leaf, Relation, Tree, events
+from fusionnet.rcl import Color as ColorWord
+
+_COLORS = tuple(Color)
+Column = tuple[int, int]
+
+
+@dataclass
+class Columns:
+    """A layout that is easy to edit: what stands in each column, and what is held where."""
+
+    standing: dict[Column, list[tuple[Shape, Color]]]
+    held: tuple[Shape, Color, Cell] | None = None
+
+    @classmethod
+    def of(cls, layout: Layout) -> "Columns":
+        """The columns of a layout."""
+        standing: dict[Column, list[tuple[Shape, Color]]] = {}
+        held = layout.held
+        for block in sorted(layout.blocks, key=lambda b: b.cell.z):
+            if block is not held:
+                x, y, _ = block.cell
+                standing.setdefault((x, y), []).append((block.shape, block.color))
+        hanging = None if held is None else (held.shape, held.color, held.cell)
+        return cls(standing, hanging)
+
+    def layout(self, colors: Mapping[Color, Color], mirrored: bool = False) -> Layout:
+        """The layout, its colours exchanged and perhaps its left and right."""
+
+        def block(shape: Shape, color: Color, x: int, y: int, z: int) -> Block:
+            return Block(colors[color], shape, Cell(x, GRID - 1 - y if mirrored else y, z))
+
+        blocks = [
+            block(shape, color, x, y, z)
+            for (x, y), column in self.standing.items()
+            for z, (shape, color) in enumerate(column)
+        ]
+        if self.held is None:
+            return Layout(tuple(blocks))
+        shape, color, cell = self.held
+        hanging = block(shape, color, *cell)
+        return Layout((*blocks, hanging), Gripper(hanging.cell, closed=True))
+
+    def hold_one(self, rng: np.random.Generator) -> None:
+        """Take a block from the top of a column and hold it over another one, or the same."""
+        if self.held is not None or not self.standing:
+            return
+        columns = list(self.standing)
+        column = columns[rng.integers(len(columns))]
+        shape, color = self.standing[column].pop()
+        if not self.standing[column]:
+            del self.standing[column]
+        if rng.random() < 0.3:
+            column = (int(rng.integers(GRID)), int(rng.integers(GRID)))
+        lowest = min(GRID - 1, len(self.standing.get(column, ())) + 1)
+        height = int(rng.integers(lowest, GRID))
+        if height >= len(self.standing.get(column, ())):
+            self.held = (shape, color, Cell(*column, height))
+
+    def edit(self, rng: np.random.Generator, hues: Sequence[Color]) -> None:
+        """Add, remove and repaint a few blocks."""
+        for _ in range(rng.integers(1, 6)):
+            column = (int(rng.integers(GRID)), int(rng.integers(GRID)))
+            if self.standing and rng.random() < 0.6:
+                columns = list(self.standing)
+                column = columns[rng.integers(len(columns))]
+            blocks = self.standing.setdefault(column, [])
+            kind = rng.random()
+            if kind < 0.55:
+                self._stack(column, rng, hues)
+            elif kind < 0.75 and blocks:
+                place = int(rng.integers(len(blocks)))
+                blocks[place] = (blocks[place][0], hues[rng.integers(len(hues))])
+            elif blocks:
+                blocks.pop()
+            if not blocks:
+                del self.standing[column]
+
+    def _stack(self, column: Column, rng: np.random.Generator, hues: Sequence[Color]) -> None:
+        blocks = self.standing[column]
+        below = self.held[2].z - 1 if self.held and self.held[2][:2] == column else GRID
+        if len(blocks) >= below or (blocks and blocks[-1][0] is Shape.PRISM):
+            return
+        color = hues[rng.integers(len(hues))]
+        if blocks and rng.random() < 0.4:
+            color = blocks[-1][1]
+        blocks.append((Shape.PRISM if rng.random() < 0.3 else Shape.CUBE, color))
+
+
+def random_columns(rng: np.random.Generator, hues: Sequence[Color]) -> Columns:
+    """Some columns of some colours, anywhere."""
+    columns = Columns({})
+    for _ in range(int(rng.integers(2, 6 if rng.random() < 0.5 else 25))):
+        column = (int(rng.integers(GRID)), int(rng.integers(GRID)))
+        if rng.random() < 0.2:
+            column = (int(rng.choice([0, GRID - 1])), int(rng.choice([0, GRID - 1])))
+        if column in columns.standing:
+            continue
+        columns.standing[column] = []
+        for _ in range(min(GRID - 1, int(rng.geometric(0.55)))):
+            columns._stack(column, rng, hues)
+    return columns
+
+
+@dataclass(frozen=True)
+class Example:
+    """A tree, a layout, and the move that the planner makes of them."""
+
+    tree: Tree
+    layout: Layout
+    move: Move
+
+
+class PlannedExamples:
+    """Draws examples from commands that may be trained on.
+
+    Half of what it draws are trees with something rare in them.
+
+    Args:
+        commands: Real commands; only their trees and layouts are used.
+    """
+
+    def __init__(self, commands: Sequence[Command]) -> None:
+        by_tree: dict[Tree, list[Layout]] = {}
+        for command in commands:
+            by_tree.setdefault(command.tree, []).append(command.scene.before)
+        self.trees = list(by_tree.items())
+        often = np.array([len(layouts) for layouts in by_tree.values()], dtype=float)
+        rare = _rarity(list(by_tree))
+        self.weights = 0.5 * often / often.sum() + 0.5 * rare / rare.sum()
+        layouts = {id(s): s for c in commands for s in (c.scene.before, c.scene.after)}
+        self.layouts = [Columns.of(layout) for layout in layouts.values()]
+
+    def draw(self, rng: np.random.Generator) -> Example:
+        """One example that the planner can execute."""
+        while True:
+            tree, own = self.trees[rng.choice(len(self.trees), p=self.weights)]
+            if rng.random() < 0.35:
+                example = self._at_home(tree, own[rng.integers(len(own))], rng)
+            else:
+                example = self._elsewhere(tree, rng)
+            if example is not None:
+                return example
+
+    def draw_on(self, layout: Layout, rng: np.random.Generator) -> Example | None:
+        """A tree for a given layout: the first of some varied ones that makes sense there."""
+        present = sorted({block.color for block in layout.blocks})
+        for _ in range(_ATTEMPTS * 5):
+            tree, _ = self.trees[rng.choice(len(self.trees), p=self.weights)]
+            begins = events(tree)[0].action.value == Action.DROP
+            if begins != (layout.held is not None) or not present:
+                continue
+            new = _variation(rng)
+            said = {v for v in _values(tree) if isinstance(v, ColorWord)}
+            new |= _exchange({v: ColorWord(present[rng.integers(len(present))]) for v in said})
+            example = _planned(_rewrite(tree, new), layout)
+            if example is not None:
+                return example
+        return None
+
+    def _at_home(self, tree: Tree, own: Layout, rng: np.random.Generator) -> Example | None:
+        """A tree on its own layout, both recoloured and perhaps mirrored."""
+        order = rng.permutation(len(_COLORS)) if rng.random() < 0.8 else range(len(_COLORS))
+        colors = {color: _COLORS[place] for color, place in zip(_COLORS, order, strict=True)}
+        mirrored = rng.random() < 0.4
+        words = {ColorWord(c): ColorWord(n) for c, n in colors.items()}
+        tree = _rewrite(tree, _exchange(words) | (_MIRRORED if mirrored else {}))
+        columns = Columns.of(own)
+        if rng.random() < 0.4:
+            columns.edit(rng, _COLORS)
+        return _planned(tree, columns.layout(colors, mirrored))
+
+    def _elsewhere(self, tree: Tree, rng: np.random.Generator) -> Example | None:
+        """A varied tree on the first of some foreign layouts where it makes sense."""
+        tree = _rewrite(tree, _variation(rng))
+        said = [Color(v) for v in _values(tree) if isinstance(v, ColorWord)]
+        action = events(tree)[0].action.value
+        for _ in range(_ATTEMPTS * (3 if action == Action.DROP else 1)):
+            hues = [*said, *said, *(_COLORS[i] for i in rng.integers(len(_COLORS), size=3))]
+            columns = self._foreign(rng, hues)
+            if action == Action.DROP or (action == Action.MOVE and rng.random() < 0.03):
+                columns.hold_one(rng)
+            else:
+                columns.held = None
+            colors = {color: color for color in _COLORS}
+            if rng.random() < 0.5:
+                colors = {color: hues[rng.integers(len(hues))] for color in _COLORS}
+            example = _planned(tree, columns.layout(colors, rng.random() < 0.5))
+            if example is not None:
+                return example
+        return None
+
+    def _foreign(self, rng: np.random.Generator, hues: Sequence[Color]) -> Columns:
+        """A random layout, or one of another command, edited or not."""
+        if rng.random() < 0.4:
+            return random_columns(rng, hues)
+        foreign = self.layouts[rng.integers(len(self.layouts))]
+        standing = {column: list(blocks) for column, blocks in foreign.standing.items()}
+        columns = Columns(standing, foreign.held)
+        if rng.random() < 0.6:
+            columns.edit(rng, hues)
+        return columns
+
+
+_ATTEMPTS = 6
+Exchange = dict[tuple[type, Any], Any]
+"""New values by type and value: members of two enumerations may be equal strings."""
+
+
+def _exchange(new: Mapping[Any, Any]) -> Exchange:
+    return {(type(old), old): value for old, value in new.items()}
+
+
+_MIRRORED = _exchange(
+    {Indicator.LEFT: Indicator.RIGHT, Indicator.RIGHT: Indicator.LEFT}
+) | _exchange({Relation.LEFT: Relation.RIGHT, Relation.RIGHT: Relation.LEFT})
+_MIRRORED |= _exchange(
+    {Indicator.LEFTMOST: Indicator.RIGHTMOST, Indicator.RIGHTMOST: Indicator.LEFTMOST}
+)
+_SIDES = (Indicator.LEFT, Indicator.FRONT, Indicator.RIGHT, Indicator.BACK)
+_WAYS = (Relation.LEFT, Relation.FORWARD, Relation.RIGHT, Relation.BACKWARD)
+
+
+def _planned(tree: Tree, layout: Layout) -> Example | None:
+    try:
+        return Example(tree, layout, plan(tree, layout))
+    except PlanningError:
+        return None
+
+
+def _variation(rng: np.random.Generator) -> Exchange:
+    """New colours, and often new sides, directions and numbers, for a tree."""
+    colors = tuple(ColorWord)
+    order = rng.permutation(len(colors))
+    new = _exchange({color: colors[i] for color, i in zip(colors, order, strict=True)})
+    if rng.random() < 0.6:
+        turn = int(rng.integers(4))
+        for around in (_SIDES, _WAYS):
+            new |= _exchange({one: around[(i + turn) % 4] for i, one in enumerate(around)})
+    if rng.random() < 0.5:
+        new |= _exchange({number: int(rng.integers(1, 7)) for number in range(2, 8)})
+        new |= _exchange({1: 1 if rng.random() < 0.5 else int(rng.integers(1, 5))})
+    return new
+
+
+def _rewrite(node: Any, new: Exchange) -> Any:
+    """A tree with the values of its leaves exchanged, but for names."""
+    if isinstance(node, Leaf):
+        return replace(node, value=new.get((type(node.value), node.value), node.value))
+    if isinstance(node, tuple):
+        return tuple(_rewrite(part, new) for part in node)
+    if not is_dataclass(node):
+        return node
+    parts = {
+        f.name: getattr(node, f.name) if f.name in _NAMES else _rewrite(getattr(node, f.name), new)
+        for f in fields(node)
+    }
+    return type(node)(**parts)
+
+
+_NAMES = ("id", "reference_id")
+
+
+def _values(node: Any) -> list[Any]:
+    """The values of all leaves of a tree."""
+    if isinstance(node, Leaf):
+        return [node.value]
+    if isinstance(node, tuple):
+        return [value for part in node for value in _values(part)]
+    if not is_dataclass(node):
+        return []
+    return [value for f in fields(node) for value in _values(getattr(node, f.name))]
+
+
+def _rarity(trees: Sequence[Tree]) -> Float[np.ndarray, " t"]:
+    """For each tree how rare its rarest trait is: an attribute or a relation."""
+    traits = []
+    for tree in trees:
+        program = compile_tree(tree)
+        said = {("attribute", a) for step in program.steps for a in step.attributes}
+        said |= {("relation", r.number, r.ranks) for s in program.steps for r in s.related}
+        if program.destination is not None:
+            said.add(("destination", program.destination.number))
+        traits.append(said)
+    counts = Counter(trait for said in traits for trait in said)
+    return np.array([max(counts[trait] ** -0.7 for trait in said) for said in traits])

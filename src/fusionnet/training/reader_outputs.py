@@ -1,0 +1,101 @@
+"""What a trained reader said of rendered pictures, kept in a file with the truth.
+
+One `.npz` without pickles:
+
+- `occupancy` (n, 512, 17) float16: probabilities of the classes of each cell
+- `holding` (n) float16: probability that a block is held
+- `cells` (n, 512) uint8: the true class of each cell, 16 for empty
+- `held` (n) int16: index of the held block's cell, or -1
+
+Write it with `save_reader_outputs`, for pictures of training groups only.
+"""
+
+import os
+import zipfile
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from fusionnet.blocks import Layout
+from fusionnet.errors import DataError, OutputError
+from fusionnet.training.simulated_readings import CLASSES, cells_of, layout_of
+
+CELLS = 512
+
+
+@dataclass(frozen=True)
+class ReaderOutputs:
+    """Readings with the layouts that were read; see the module's docstring."""
+
+    occupancy: Float[np.ndarray, "n 512 17"]
+    holding: Float[np.ndarray, " n"]
+    cells: Int[np.ndarray, "n 512"]
+    held: Int[np.ndarray, " n"]
+
+    def __len__(self) -> int:
+        """Number of readings."""
+        return len(self.holding)
+
+    def layout(self, place: int) -> Layout:
+        """The true layout of one picture."""
+        return layout_of(self.cells[place].reshape(8, 8, 8), int(self.held[place]))
+
+    def reading(self, place: int) -> tuple[Float[np.ndarray, "8 8 8 17"], float]:
+        """What the reader said of one picture: occupancy, and probability of holding."""
+        occupancy = self.occupancy[place].astype(np.float32).reshape(8, 8, 8, CLASSES + 1)
+        return occupancy, float(self.holding[place])
+
+
+def save_reader_outputs(
+    file: Path,
+    occupancy: Float[np.ndarray, "n 8 8 8 17"],
+    holding: Float[np.ndarray, " n"],
+    layouts: Sequence[Layout],
+) -> None:
+    """Write readings and the layouts that were read, whole or not at all.
+
+    Raises:
+        OutputError: If the file cannot be written.
+    """
+    cells, held = cells_of(layouts)
+    aside = file.with_name(f".{file.name}.part")
+    try:
+        file.parent.mkdir(parents=True, exist_ok=True)
+        with aside.open("wb") as stream:
+            np.savez(
+                stream,
+                occupancy=occupancy.reshape(-1, CELLS, CLASSES + 1).astype(np.float16),
+                holding=holding.astype(np.float16),
+                cells=cells.reshape(-1, CELLS).astype(np.uint8),
+                held=held.astype(np.int16),
+            )
+        os.replace(aside, file)
+    except OSError as error:
+        aside.unlink(missing_ok=True)
+        raise OutputError(f"Cannot write the readings {file}: {error}") from error
+
+
+def load_reader_outputs(file: Path) -> ReaderOutputs:
+    """Read what `save_reader_outputs` wrote.
+
+    Raises:
+        DataError: If the file is missing, damaged or not in that form.
+    """
+    try:
+        with np.load(file, allow_pickle=False) as stored:
+            outputs = ReaderOutputs(
+                occupancy=stored["occupancy"],
+                holding=stored["holding"],
+                cells=stored["cells"],
+                held=stored["held"],
+            )
+    except (OSError, KeyError, ValueError, zipfile.BadZipFile) as error:
+        raise DataError(f"Cannot read the readings {file}: {error}") from error
+    count = len(outputs.holding)
+    shapes = [a.shape for a in (outputs.occupancy, outputs.cells, outputs.held)]
+    if shapes != [(count, CELLS, CLASSES + 1), (count, CELLS), (count,)]:
+        raise DataError(f"The readings {file} have the wrong shapes: {shapes}.")
+    return outputs
