@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from fusionnet.blocks.grid import BLOCK_SIZE, Block, Cell, Gripper, Layout
+from fusionnet.blocks.grid import BLOCK_SIZE, GRID, Block, Cell, Gripper, Layout
 from fusionnet.errors import InputError
 from fusionnet.geometry import apply, invert
 from fusionnet.robots import Robot
@@ -130,12 +130,19 @@ def measured_layout(
     closed: bool,
     pinch: Float[np.ndarray, "3"],
 ) -> Layout:
-    """Each block in the cell where its centre is, and the hand in the cell of what it holds."""
+    """Each block in the cell where its centre is, and the hand in the cell of what it holds.
+
+    An empty hand is in the cell of the grid that is nearest to it.
+    """
     board_from_robot = invert(robot.robot_from_board)
     centers = apply(board_from_robot, poses.positions)
     cells = [cell_at(center) for center in centers]
-    below_pinch = np.array([0.0, 0.0, robot.pinch_clearance + BLOCK_SIZE / 2])
-    hand = cells[held] if held is not None else cell_at(apply(board_from_robot, pinch) - below_pinch)
+    if held is None:
+        below_pinch = np.array([0.0, 0.0, robot.pinch_clearance + BLOCK_SIZE / 2])
+        near = cell_at(apply(board_from_robot, pinch) - below_pinch)
+        hand = Cell(*(int(np.clip(c, 0, GRID - 1)) for c in near))
+    else:
+        hand = cells[held]
     found = tuple(
         Block(block.color, block.shape, cell) for block, cell in zip(blocks, cells, strict=True)
     )
@@ -181,7 +188,9 @@ def judge(
         if not should_hold and held == block:
             wrong.append(f"the {_kind(wanted)} is still in the hand")
     for block in sorted(free):
-        wanted_cells = [w.cell for w in expected.blocks if w.class_index == blocks[block].class_index]
+        wanted_cells = [
+            w.cell for w in expected.blocks if w.class_index == blocks[block].class_index
+        ]
         if not wanted_cells:
             wrong.append(f"no {_kind(blocks[block])} was expected")
             continue

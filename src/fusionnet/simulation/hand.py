@@ -16,7 +16,7 @@ from fusionnet.simulation.physics import (
 from fusionnet.simulation.tabletop import BLOCK_HALF
 
 PUSH_LIMIT = 2.0
-"""A careful motion stops when the hand pushes harder than this, in newtons (a block weighs 0.12)."""
+"""A careful motion stops when the hand pushes harder, in newtons (a block weighs 0.12)."""
 
 FRAMES_PER_SECOND = 25
 """Of recorded states."""
@@ -95,7 +95,7 @@ class Hand:
             self._step()
 
     def push(self) -> float:
-        """Force with which the hand, or the block that it holds, pushes on something, in newtons."""
+        """Force with which the hand, or the block in it, pushes on something, in newtons."""
         force = float(self.data.sensordata[0])
         if self.held is not None and self.data.ne >= 3:
             force = max(force, float(np.linalg.norm(self.data.efc_force[:3])))

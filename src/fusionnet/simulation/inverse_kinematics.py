@@ -12,14 +12,13 @@ from collections.abc import Iterator
 from itertools import islice
 
 import mink
-import mujoco
 import numpy as np
 from jaxtyping import Float
 
 from fusionnet.blocks.grid import GRID
 from fusionnet.errors import InputError, UnreachableError
 from fusionnet.randomness import generator
-from fusionnet.robots import Robot
+from fusionnet.robots import ArmKinematics, Robot
 
 
 class InverseKinematics:
@@ -49,7 +48,7 @@ class InverseKinematics:
         self.angular_tolerance = angular_tolerance
         self.attempts = attempts
         self.iterations = iterations
-        self._configuration = mink.Configuration(_arm_alone(robot))
+        self._configuration = mink.Configuration(ArmKinematics(robot).model)
         model = self._configuration.model
         joints = [model.joint(name) for name in robot.joint_names]
         self._addresses = np.array([joint.qposadr[0] for joint in joints])
@@ -153,15 +152,6 @@ class InverseKinematics:
         rng = generator(0, "inverse kinematics", self.robot.name)
         while True:
             yield rng.uniform(*self.robot.joint_limits.T)
-
-
-def _arm_alone(robot: Robot) -> mujoco.MjModel:
-    """The robot's model without finger joints, which would only slow the solver down."""
-    spec = robot.spec()
-    for name in robot.finger_positions:
-        spec.delete(spec.actuator(name))
-        spec.delete(spec.joint(name))
-    return spec.compile()
 
 
 def _into_cone(direction: Float[np.ndarray, "3"], maximum_tilt: float) -> Float[np.ndarray, "3"]:

@@ -19,7 +19,7 @@ import numpy as np
 from jaxtyping import Float
 
 from fusionnet.blocks.grid import Block, Layout, Shape
-from fusionnet.robots import Robot
+from fusionnet.robots import CollisionBit, Robot
 from fusionnet.simulation.tabletop import (
     BLOCK_HALF,
     PYRAMID,
@@ -48,7 +48,7 @@ UPRIGHT_STIFFNESS = 6e-3
 UPRIGHT_DAMPING = 2.5e-4
 """Of the torque that keeps a held block's orientation, in N m / rad and N m s / rad."""
 
-_ROBOT, _TABLE, _BLOCK, _PROBE = 1, 2, 4, 8
+_TABLE, _BLOCK, _PROBE = int(CollisionBit.WORLD), int(CollisionBit.BLOCK), 64
 
 
 def describe_grasp_model() -> str:
@@ -106,9 +106,6 @@ def build_physics(robot: Robot, layout: Layout) -> Physics:
     """Compile a world with a robot, its table and the blocks of a layout in their cells."""
     spec = robot.spec()
     _set_options(spec)
-    for geom in spec.geoms:
-        if geom.contype or geom.conaffinity:
-            geom.contype, geom.conaffinity = _ROBOT, _ROBOT | _TABLE
     probe = spec.site("pinch").parent.add_geom(
         name="probe", type=mujoco.mjtGeom.mjGEOM_SPHERE, size=[PROBE_RADIUS, 0, 0]
     )
@@ -147,7 +144,7 @@ def _add_table(spec: mujoco.MjSpec, robot: Robot) -> None:
         size=[(x1 - x0) / 2, (y1 - y0) / 2, TABLE_THICKNESS / 2],
         pos=[(x0 + x1) / 2, (y0 + y1) / 2, top.height - TABLE_THICKNESS / 2],
     )
-    table.contype, table.conaffinity = _TABLE, _ROBOT | _BLOCK | _PROBE
+    table.contype, table.conaffinity = _TABLE, _BLOCK | _PROBE
     floor = spec.worldbody.add_geom(
         name="floor", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[5, 5, 0.1], pos=[0, 0, 0]
     )
@@ -158,7 +155,9 @@ def _add_block(
     spec: mujoco.MjSpec, name: str, block: Block, position: np.ndarray, *, asleep: bool
 ) -> None:
     body = spec.worldbody.add_body(name=name, pos=position)
-    body.sleep = mujoco.mjtSleepPolicy.mjSLEEP_INIT if asleep else mujoco.mjtSleepPolicy.mjSLEEP_ALLOWED
+    body.sleep = (
+        mujoco.mjtSleepPolicy.mjSLEEP_INIT if asleep else mujoco.mjtSleepPolicy.mjSLEEP_ALLOWED
+    )
     body.add_freejoint()
     geom = body.add_geom(name=name, mass=BLOCK_MASS, friction=[0.6, 0.005, 0.0001])
     geom.solref, geom.solimp = [0.004, 1.0], [0.97, 0.995, 0.0005, 0.5, 2.0]

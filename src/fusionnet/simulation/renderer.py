@@ -16,7 +16,14 @@ from fusionnet.robots import Robot, load
 from fusionnet.simulation.appearance import Appearance
 from fusionnet.simulation.offscreen import Offscreen
 from fusionnet.simulation.posture import robot_posture
-from fusionnet.simulation.scenery import add_blocks, add_furniture, picture_model, set_lights
+from fusionnet.simulation.scenery import (
+    HIDDEN_GROUP,
+    add_blocks,
+    add_furniture,
+    hide_unseen,
+    picture_model,
+    set_lights,
+)
 from fusionnet.simulation.tabletop import (
     EXTERNAL_POSITION,
     EXTERNAL_TARGET,
@@ -76,6 +83,8 @@ class SceneRenderer:
         self._offscreen = Offscreen(self.model, size)
         self._option = mujoco.MjvOption()
         self._option.sitegroup[:] = 0
+        self._option.geomgroup[HIDDEN_GROUP] = 0
+        self._groups = self.model.geom_group.copy()
         self._free_camera = mujoco.MjvCamera()
 
     @property
@@ -130,6 +139,9 @@ class SceneRenderer:
         self._data.qpos[:] = posture
         mujoco.mj_kinematics(self.model, self._data)
         mujoco.mj_camlight(self.model, self._data)
+        robot_from_board = self.robot.robot_from_board
+        pinhole = self.camera(camera, appearance)
+        hide_unseen(self.model, self._data, self._groups, pinhole, appearance, robot_from_board)
         mujoco.mjv_updateScene(
             self.model,
             self._data,
@@ -139,11 +151,10 @@ class SceneRenderer:
             mujoco.mjtCatBit.mjCAT_ALL.value,
             scene,
         )
-        robot_from_board = self.robot.robot_from_board
         set_lights(scene, appearance, robot_from_board)
         add_furniture(scene, self.robot, appearance)
         first = add_blocks(scene, self.model, blocks, poses, appearance)
-        pinhole = self._aim(camera, appearance)
+        self._aim(pinhole)
         image = appearance.develop(self._offscreen.picture())
         if labels:
             visible, boxes = visible_boxes(self._offscreen.identities() - first, len(blocks))
@@ -191,9 +202,8 @@ class SceneRenderer:
         axes = np.column_stack([right, np.cross(forward, right), forward])
         return self.robot.robot_from_board @ transform(axes, EXTERNAL_POSITION), EXTERNAL_VIEW
 
-    def _aim(self, name: str, appearance: Appearance) -> PinholeCamera:
-        """Point the scene's two OpenGL cameras (one for each eye of a stereo display) as `name`."""
-        pinhole = self.camera(name, appearance)
+    def _aim(self, pinhole: PinholeCamera) -> None:
+        """Point the scene's two OpenGL cameras (one for each eye of a stereo display)."""
         robot_from_camera = invert(pinhole.camera_from_robot)
         for camera in self._offscreen.scene.camera:
             half_height = 0.5 * self.size[1] / pinhole.matrix[1, 1] * camera.frustum_near
@@ -203,7 +213,6 @@ class SceneRenderer:
             camera.frustum_center = 0.0
             camera.frustum_width = half_height * self.size[0] / self.size[1]
             camera.frustum_bottom, camera.frustum_top = -half_height, half_height
-        return pinhole
 
 
 def visible_boxes(

@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float
 
 from fusionnet.blocks.grid import BLOCK_SIZE, GRID, Block, Shape
-from fusionnet.geometry import apply, rotation_from_quaternion
+from fusionnet.geometry import PinholeCamera, apply, rotation_from_quaternion
 from fusionnet.robots import Robot, load
 from fusionnet.simulation.appearance import BLOCK_COLORS, Appearance
 from fusionnet.simulation.tabletop import (
@@ -43,6 +43,7 @@ def picture_model(robot: str, size: tuple[int, int]) -> mujoco.MjModel:
     visual = spec.visual
     visual.global_.offwidth, visual.global_.offheight = size
     visual.quality.offsamples = 0
+    visual.quality.numslices, visual.quality.numstacks = 18, 10
     visual.quality.shadowsize = SHADOW_PIXELS
     visual.map.shadowclip = SHADOW_RADIUS
     visual.map.znear = 0.05
@@ -50,11 +51,54 @@ def picture_model(robot: str, size: tuple[int, int]) -> mujoco.MjModel:
     return spec.compile()
 
 
+HIDDEN_GROUP = 5
+"""Geom group of the robot's parts that are left out of a picture."""
+
+
+def hide_unseen(
+    model: mujoco.MjModel,
+    data: mujoco.MjData,
+    groups: np.ndarray,
+    camera: PinholeCamera,
+    appearance: Appearance,
+    robot_from_board: Float[np.ndarray, "4 4"],
+) -> None:
+    """Leave out the robot's parts that are neither in the picture nor throw a shadow into it.
+
+    A robot has over a hundred shapes, most of them behind its own eyes.
+
+    Args:
+        model: Its geom groups are set.
+        data: Where the parts are.
+        groups: The geoms' true groups.
+        camera: Who looks.
+        appearance: Says where the light comes from.
+        robot_from_board: Where the board is.
+    """
+    radius = model.geom_rbound
+    place = apply(camera.camera_from_robot, data.geom_xpos)
+    slopes = 0.5 * np.array([camera.width, camera.height]) / np.diag(camera.matrix)[:2]
+    # Distance to each side plane of the view; negative is outside.
+    sides = (place[:, 2:] * slopes - np.abs(place[:, :2])) / np.sqrt(1.0 + slopes**2)
+    seen = (sides.min(axis=1) > -radius) & (place[:, 2] > -radius)
+    if appearance.shadows:
+        towards = robot_from_board[:3, :3] @ appearance.light_direction
+        towards = towards / np.linalg.norm(towards)
+        offset = data.geom_xpos - _board_center(robot_from_board)
+        beside = offset - np.outer(offset @ towards, towards)
+        seen |= np.linalg.norm(beside, axis=1) < SHADOW_RADIUS * np.sqrt(2.0) + radius
+    model.geom_group[:] = np.where(seen, groups, HIDDEN_GROUP)
+
+
+def _board_center(robot_from_board: Float[np.ndarray, "4 4"]) -> Float[np.ndarray, "3"]:
+    return apply(robot_from_board, np.array([BOARD_SIZE / 2, BOARD_SIZE / 2, BOARD_SIZE / 4]))
+
+
 def set_lights(
     scene: mujoco.MjvScene, appearance: Appearance, robot_from_board: Float[np.ndarray, "4 4"]
 ) -> None:
     """Light the scene as the appearance says."""
-    center = apply(robot_from_board, np.array([BOARD_SIZE / 2, BOARD_SIZE / 2, BOARD_SIZE / 4]))
+    center = _board_center(robot_from_board)
     rays = [
         (appearance.light_direction, appearance.light),
         (appearance.fill_direction, appearance.fill),

@@ -38,8 +38,16 @@ def film(recording: Recording, path: Path, camera: str = "external") -> None:
             codec="libx264",
             macro_block_size=4,
             ffmpeg_log_level="error",
-            output_params=["-preset", "veryfast", "-crf", "21", "-threads", "1",
-                           "-movflags", "+faststart"],
+            output_params=[
+                "-preset",
+                "veryfast",
+                "-crf",
+                "21",
+                "-threads",
+                "1",
+                "-movflags",
+                "+faststart",
+            ],
         )
         writer.send(None)
         try:

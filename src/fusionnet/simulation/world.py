@@ -7,32 +7,19 @@ import mujoco
 import numpy as np
 from jaxtyping import Float, UInt8
 
-from fusionnet import robots
-from fusionnet.blocks.grid import BLOCK_SIZE, Layout, Move
+from fusionnet import blocks, robots
+from fusionnet.blocks.grid import Layout, Move
 from fusionnet.errors import InputError
+from fusionnet.randomness import generator
 from fusionnet.robots import ArmKinematics, Robot
 from fusionnet.simulation.appearance import Appearance
-from fusionnet.simulation.episode import Episode, Phase, Recording, judge, measured_layout
+from fusionnet.simulation.episode import Episode, Recording, judge, measured_layout
+from fusionnet.simulation.execution import Execution
 from fusionnet.simulation.hand import Hand
 from fusionnet.simulation.motion import PathPlanner
-from fusionnet.simulation.physics import GATE, TIME_STEP, build_physics
+from fusionnet.simulation.physics import build_physics
 from fusionnet.simulation.renderer import View, shared_renderer
-from fusionnet.simulation.tabletop import BLOCK_HALF, BlockPoses
-
-APPROACH = 0.025
-"""Last part of a way down that is driven slowly, in metres."""
-
-AIR = 0.012
-"""Between what the hand carries and the highest block on its way, in metres."""
-
-LEAST_LIFT = 0.02
-"""Even with nothing in the way the hand comes to a pose from this far above, in metres."""
-
-CORRIDOR = 0.045
-"""Blocks nearer than this to the hand's way across count as being on it, in metres."""
-
-HIGHEST = 0.08
-"""Above the grasp height of level 7: the hand goes no higher, in metres."""
+from fusionnet.simulation.tabletop import BlockPoses
 
 
 def joint_targets(robot: str | Robot, move: Move) -> Float[np.ndarray, " k"]:
@@ -65,9 +52,6 @@ def make_world(
         UnknownNameError: If there is no such robot.
         InputError: If the layout cannot stand: off the grid, overlapping, floating.
     """
-    from fusionnet import blocks
-    from fusionnet.randomness import generator
-
     if layout is None:
         layout = blocks.random_layout(generator(seed, "world"))
     else:
@@ -131,9 +115,7 @@ class World:
         """
         return self._view(camera, labels=True)
 
-    def execute(
-        self, answer: Any, expected: Layout | None = None, record: bool = False
-    ) -> Episode:
+    def execute(self, answer: Any, expected: Layout | None = None, record: bool = False) -> Episode:
         """Let the arm do it: go to the grasp pose, close, go to the place pose, open (or not).
 
         Args:
@@ -151,7 +133,7 @@ class World:
         hand.frames = [] if record else None
         before = self._poses()
         start = hand.seconds
-        run = _Run(self)
+        run = Execution(self.robot, hand, self._planner)
         begins_held = hand.held
         touched = {begins_held}
 
@@ -183,9 +165,10 @@ class World:
             wrong, errors = judge(self.robot, self.blocks, after, hand.held, expected)
             success = not wrong
         if success:
-            reason = f"Every block is where it should be, at most {np.max(errors, initial=0):.1f} mm off."
+            worst = np.max(errors, initial=0.0)
+            reason = f"Every block is where it should be, at most {worst:.1f} mm off."
         else:
-            story = run.story(begins_held, grasped, distance, grasp_closed)
+            story = run.story(self.blocks, begins_held, grasped, distance, grasp_closed)
             reason = "; ".join([*wrong[:3], story])
             reason = reason[0].upper() + reason[1:] + "."
         episode = Episode(
@@ -241,126 +224,6 @@ class World:
             rotations=np.array([p.rotations for p in poses], dtype=np.float32),
             appearance=self.appearance,
         )
-
-
-class _Run:
-    """The parts of one execution, and what happened in them."""
-
-    def __init__(self, world: World) -> None:
-        self.world = world
-        self.hand = world._hand
-        self.planner = world._planner
-        self.phases: list[Phase] = []
-        self.stopped: list[str] = []
-        self._phase = ""
-
-    def phase(self, name: str, act: Any) -> Any:
-        """Do something and note when it began and ended."""
-        self._phase, start = name, self.hand.seconds
-        result = act()
-        self.phases.append(Phase(name=name, start=start, end=self.hand.seconds))
-        return result
-
-    def to_ready(self, goal: Float[np.ndarray, " n"]) -> None:
-        """From beside the table to high above the board."""
-        ready = self.world.robot.poses["ready"]
-        height = max(self._clear_height(self.hand.posture, ready), self.planner.pinch(ready)[2])
-        self._drive(np.array([self.hand.posture, self.planner.upwards(ready, height)[-1]]))
-
-    def descend(self, goal: Float[np.ndarray, " n"]) -> None:
-        """Go above a pose and straight down to it, slowly at the end; stop on contact."""
-        here, there = self.planner.pinch(self.hand.posture), self.planner.pinch(goal)
-        if np.linalg.norm(here[:2] - there[:2]) < 0.03 and here[2] - there[2] < 0.02:
-            self._drive(np.array([self.hand.posture, goal]), careful=True)
-            return
-        height = max(self._clear_height(self.hand.posture, goal), here[2])
-        above = self.planner.upwards(goal, height)[::-1]
-        if np.linalg.norm(here[:2] - there[:2]) > 0.01:
-            self._drive(self.planner.across(self.hand.posture, above[0]))
-        above[0] = self.hand.posture
-        self._drive(above, careful=True, approach=APPROACH)
-
-    def lift(self, goal: Float[np.ndarray, " n"]) -> None:
-        """Straight up until nothing is in the way to a pose."""
-        here = self.planner.pinch(self.hand.posture)[2]
-        height = max(self._clear_height(self.hand.posture, goal), here + LEAST_LIFT)
-        self._drive(self.planner.upwards(self.hand.posture, height))
-
-    def cross(self, goal: Float[np.ndarray, " n"]) -> None:
-        """At this height to above a pose."""
-        height = self.planner.pinch(self.hand.posture)[2]
-        above = self.planner.upwards(goal, height)[-1]
-        self._drive(self.planner.across(self.hand.posture, above))
-
-    def retreat(self) -> None:
-        """Straight up, and back beside the table."""
-        prepare = self.world.robot.poses["prepare"]
-        self.lift(prepare)
-        self._drive(np.array([self.hand.posture, prepare]))
-
-    def settle(self) -> None:
-        """Wait until everything rests (at most 1.5 seconds)."""
-        velocities = self.world._physics.block_velocities[:, None] + np.arange(6)
-        held = self.hand.held
-        for _ in range(15):
-            self.hand.wait(0.1)
-            speeds = np.abs(self.world._data.qvel[velocities]).max(axis=1, initial=0.0)
-            if held is not None:
-                speeds[held] = 0.0
-            if speeds.max(initial=0.0) < 5e-3:
-                break
-
-    def story(
-        self, begins_held: int | None, grasped: int | None, distance: float | None, closed: bool
-    ) -> str:
-        """What the hand did, as a clause."""
-        blocks = self.world.blocks
-        told = []
-        if self.stopped:
-            told.append(f"the hand pushed on something and stopped ({', '.join(self.stopped)})")
-        if begins_held is not None and grasped is None:
-            told.append("the hand was told to open before it had placed its block")
-        elif begins_held is not None:
-            told.append("the hand kept its block" if self.hand.held is not None else "the hand let go")
-        elif grasped is not None:
-            kind = f"{blocks[grasped].color.value} {blocks[grasped].shape.value}"
-            told.append(f"the hand grasped the {kind} {1000 * (distance or 0):.1f} mm from the pinch")
-        elif closed and distance is None:
-            told.append("the hand was told to be closed before the grasp and held nothing")
-        elif distance is not None:
-            told.append(
-                f"the hand closed {1000 * distance:.0f} mm from the nearest block's grasp point "
-                f"(the gate is {1000 * GATE:.0f} mm) and held nothing"
-            )
-        else:
-            told.append("there was nothing to grasp")
-        return "; ".join(told)
-
-    def _drive(
-        self, postures: Float[np.ndarray, "k n"], *, careful: bool = False, approach: float = 0.0
-    ) -> None:
-        motion = self.planner.motion(np.asarray(postures), TIME_STEP, approach)
-        if not self.hand.follow(motion, careful=careful):
-            self.stopped.append(self._phase)
-        elif careful:
-            self.hand.wait(0.06)
-
-    def _clear_height(
-        self, start: Float[np.ndarray, " n"], goal: Float[np.ndarray, " n"]
-    ) -> float:
-        """Height of the pinch at which a held block passes over all blocks on the way."""
-        robot = self.world.robot
-        a, b = self.planner.pinch(start), self.planner.pinch(goal)
-        positions = self.world._poses().positions
-        others = np.arange(len(positions)) != (-1 if self.hand.held is None else self.hand.held)
-        along = b[:2] - a[:2]
-        length = max(float(along @ along), 1e-9)
-        share = np.clip((positions[:, :2] - a[:2]) @ along / length, 0.0, 1.0)
-        gaps = np.linalg.norm(positions[:, :2] - (a[:2] + share[:, None] * along), axis=1)
-        tops = positions[others & (gaps < CORRIDOR), 2] + BLOCK_HALF[2]
-        hanging = robot.pinch_clearance + BLOCK_SIZE + AIR
-        highest = robot.pinch_position((0, 0, 7))[2] + HIGHEST
-        return float(min(max([b[2] + LEAST_LIFT, *(tops + hanging)]), highest))
 
 
 def _flat(answer: Any, width: int, robot: Robot) -> Float[np.ndarray, " k"]:
