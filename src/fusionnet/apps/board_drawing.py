@@ -18,6 +18,7 @@ _AWAY = (11.0, -19.0)
 """Pixels: one cell to the right (also one level up), and one cell away from the robot."""
 
 Point = tuple[float, float]
+Number = int | float
 
 
 def board_svg(
@@ -78,17 +79,17 @@ def heat_svg(probabilities: Float[np.ndarray, "512"], *, title: str) -> str:
     )
 
 
-def _corner(right: float, away: float, up: float) -> Point:
+def _corner(right: Number, away: Number, up: Number) -> Point:
     """Where a point of the board is drawn; units are cells, from the near left corner."""
     return (right * _SIDE + away * _AWAY[0], away * _AWAY[1] - up * _SIDE)
 
 
-def _origin(cell: Cell) -> tuple[float, float, float]:
+def _origin(cell: Cell) -> tuple[int, int, int]:
     """The near, left, lower corner of a cell, in the units of `_corner`."""
     return (GRID - 1 - cell.y, cell.x, cell.z)
 
 
-def _middle(cell: Cell, up: float) -> Point:
+def _middle(cell: Cell, up: Number) -> Point:
     right, away, z = _origin(cell)
     return _corner(right + 0.5, away + 0.5, z + up)
 
@@ -105,7 +106,7 @@ def _tile(x: int, y: int, extra: str = "") -> str:
     return _face(points, "none", extra or f'class="tile{(x + y) % 2}"')
 
 
-def _shade(color: str, by: float) -> str:
+def _shade(color: str, by: Number) -> str:
     """A colour made darker (below 1) or lighter (above 1)."""
     paint = PAINT[color]
     if by <= 1:

@@ -104,15 +104,16 @@ def draw_boxes(
     for box, corners in zip(boxes, scaled, strict=True):
         paint = PAINT[box.color]
         draw.rectangle(corners, outline=ink_on(paint), width=line + 2)
-        draw.rectangle(_grown(corners, -1), outline=paint, width=line)
+        draw.rectangle(_grown(corners, -1.0), outline=paint, width=line)
     font = ImageFont.load_default(size=max(13, size[0] // 76))
     taken: list[list[float]] = []
     # The largest first: they have the most room around them.
     for index in sorted(range(len(boxes)), key=lambda i: -_area(scaled[i])):
         box = boxes[index]
         others = [corners for i, corners in enumerate(scaled) if i != index]
-        text = draw.textbbox((0, 0), box.label, font=font)
-        place = _free_place(scaled[index], text, taken, others, size)
+        left, top, right, bottom = draw.textbbox((0, 0), box.label, font=font)
+        label = (float(right - left) + 12, float(bottom - top) + 10)
+        place = _free_place(scaled[index], label, taken, others, size)
         if place is None:
             continue
         taken.append(place)
@@ -125,13 +126,13 @@ def draw_boxes(
 
 def _free_place(
     corners: list[float],
-    text: tuple[float, float, float, float],
+    label: tuple[float, float],
     taken: list[list[float]],
     others: list[list[float]],
     size: tuple[int, int],
 ) -> list[float] | None:
     """A rectangle beside a box, inside the picture, free of labels, covering little else."""
-    wide, tall = text[2] - text[0] + 12, text[3] - text[1] + 10
+    wide, tall = label
     left, top, right, bottom = corners
     middle_x, middle_y = (left + right) / 2, (top + bottom) / 2
     best: tuple[float, list[float]] | None = None
@@ -147,7 +148,7 @@ def _free_place(
     ):
         place = [x, y, x + wide, y + tall]
         inside = x >= 0 and y >= 0 and place[2] <= size[0] and place[3] <= size[1]
-        if not inside or any(_shared(place, label) > 0 for label in taken):
+        if not inside or any(_shared(place, other) > 0 for other in taken):
             continue
         covered = sum(_shared(place, other) for other in others)
         if best is None or covered < best[0]:

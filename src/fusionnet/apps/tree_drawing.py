@@ -4,6 +4,7 @@ Every leaf and every word has a column of its own; a leaf stands above its words
 and what no word says stands above a gap.
 """
 
+import warnings
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -104,7 +105,8 @@ def draw_tree(tree: rcl.Tree, words: Sequence[str], *files: Path) -> None:
         "font.size": 10,
         "text.parse_math": False,
     }
-    with matplotlib.rc_context(style):
+    with matplotlib.rc_context(style), warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "Glyph")  # words in scripts that the font lacks
         figure = pyplot.figure(figsize=(width, _ROW * (levels + 2.1)), facecolor=PAPER)
         try:
             axes = figure.add_axes((0, 0, 1, 1))
