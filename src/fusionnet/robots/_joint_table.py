@@ -69,10 +69,12 @@ def make_joint_table(robot: Robot, *, rounds: int = 60) -> Float[np.ndarray, "8 
     solver = _AllCells(robot)
     table = np.tile(robot.poses["seed"], (GRID**3, 1))
     table = solver.solve(table, iterations=40)
-    quadratic, cubic = (_smoother(degree) for degree in (2, 3))
-    for i in range(rounds):
-        smoother = quadratic if i < rounds * 2 // 3 else cubic
-        table = solver.solve(smoother @ table, iterations=8)
+    for degree, share in ((2, rounds * 2 // 3), (3, rounds - rounds * 2 // 3)):
+        smoother = _smoother(degree)
+        for _ in range(share):
+            previous, table = table, solver.solve(smoother @ table, iterations=8)
+            if np.allclose(previous, table, rtol=0.0, atol=1e-9):
+                break
     table = solver.solve(table, iterations=20)
     _check(robot, solver, table)
     return table.reshape(GRID, GRID, GRID, -1)
@@ -144,6 +146,8 @@ class _AllCells:
 
             step = np.clip(step, -_LARGEST_STEP, _LARGEST_STEP)
             table = np.clip(table + step, self.low, self.high)
+            if np.abs(step).max() < 1e-10:
+                break
         return table
 
 

@@ -18,7 +18,7 @@ class ArmKinematics:
 
     def __init__(self, robot: Robot) -> None:
         self.robot = robot
-        self.model = robot.spec().compile()
+        self.model = _skeleton(robot)
         self.data = mujoco.MjData(self.model)
         joints = [self.model.joint(name) for name in robot.joint_names]
         self._positions = np.array([joint.qposadr[0] for joint in joints])
@@ -65,3 +65,17 @@ class ArmKinematics:
     def _differentiate(self, jacobian: np.ndarray) -> None:
         mujoco.mj_comPos(self.model, self.data)
         mujoco.mj_jacSite(self.model, self.data, jacobian[:3], jacobian[3:], self._pinch)
+
+
+def _skeleton(robot: Robot) -> mujoco.MjModel:
+    """The robot's model without shapes and finger joints, which only cost time here."""
+    spec = robot.spec()
+    for name in robot.finger_positions:
+        spec.delete(spec.actuator(name))
+        spec.delete(spec.joint(name))
+    for body in spec.bodies[1:]:
+        if not body.explicitinertial:
+            body.explicitinertial, body.mass, body.inertia = True, 1.0, np.ones(3)
+    for geom in spec.geoms:
+        spec.delete(geom)
+    return spec.compile()
