@@ -7,9 +7,11 @@ holds boxes, cells, poses. A killed build continues with the shards that are mis
 
 import multiprocessing
 import os
+from bisect import bisect_right
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
+from itertools import accumulate
 from pathlib import Path
 
 import numpy as np
@@ -21,9 +23,6 @@ from fusionnet.dataset.layouts import varied_layout
 from fusionnet.errors import DataError
 from fusionnet.randomness import derived_seed, generator
 from fusionnet.simulation import Appearance, SceneRenderer
-
-SHARD = 250
-"""Pictures a shard."""
 
 EMPTY = 16
 """Class of a cell without a block; 0 to 15 are `blocks.CLASS_NAMES`."""
@@ -45,6 +44,7 @@ class PicturePlan:
         part: Name of the set, part of the seed: "train" or "val".
         invented: Share of layouts made up by our generator rather than varied from real ones.
         robot: Name of the robot whose left eye looks.
+        shard: Pictures a file.
     """
 
     count: int
@@ -52,6 +52,7 @@ class PicturePlan:
     part: str = "train"
     invented: float = 0.3
     robot: str = "nico"
+    shard: int = 250
 
 
 @dataclass(frozen=True)
@@ -121,7 +122,7 @@ def build_pictures(
         RenderingError: If pictures cannot be rendered here.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    shards = -(-plan.count // SHARD)
+    shards = -(-plan.count // plan.shard)
     missing = [s for s in range(shards) if not (folder / f"labels-{s:04d}.npz").is_file()]
     done = shards - len(missing)
     work = partial(_render_shard, folder, plan, tuple(real))
@@ -142,7 +143,7 @@ def build_pictures(
 def _render_shard(folder: Path, plan: PicturePlan, real: Sequence[Layout], shard: int) -> None:
     renderer = _renderer(plan.robot)
     images, labels = [], []
-    for index in range(shard * SHARD, (shard + 1) * SHARD):
+    for index in range(shard * plan.shard, (shard + 1) * plan.shard):
         rng = generator(plan.seed, "picture", plan.part, index)
         layout = varied_layout(rng, real, invented=plan.invented)
         image, truth = label(renderer, layout, Appearance.sample(rng))
@@ -200,12 +201,14 @@ class Pictures:
                 ) from error
             self._images.append(images)
             self._labels.append(labels)
+        self._ends = list(accumulate(len(labels) for labels in self._labels))
 
     def __len__(self) -> int:
-        return len(self._labels) * SHARD
+        return self._ends[-1]
 
     def __getitem__(self, index: int) -> tuple[UInt8[np.ndarray, "h w 3"], Labels]:
-        shard, row = divmod(index, SHARD)
+        shard = bisect_right(self._ends, index)
+        row = index - (self._ends[shard - 1] if shard else 0)
         return np.array(self._images[shard][row]), self._labels[shard][row]
 
     def order(self, seed: int, epoch: int) -> Int[np.ndarray, " n"]:

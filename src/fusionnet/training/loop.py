@@ -25,7 +25,8 @@ from fusionnet.errors import CheckpointError
 log = logging.getLogger(__name__)
 
 Losses = Callable[[torch.nn.Module, Any], Mapping[str, torch.Tensor]]
-Progress = Callable[[int, int, Mapping[str, float]], None]
+LogLine = dict[str, float | int]
+Progress = Callable[[int, int, LogLine], None]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -82,7 +83,7 @@ def fit(
     *,
     folder: Path | None = None,
     progress: Progress | None = None,
-) -> list[dict[str, float]]:
+) -> list[LogLine]:
     """Train a model in place and return the lines of its log.
 
     Args:
@@ -108,7 +109,7 @@ def fit(
     first = _resume(folder, model, optimizer, average)
     wrapped, optimizer = fabric.setup(model, optimizer)
     wrapped.mark_forward_method("losses") if hasattr(model, "losses") else None
-    history: list[dict[str, float]] = []
+    history: list[LogLine] = []
     sums: dict[str, float] = {}
     counted, began = 0, time.monotonic()
     model.train()
@@ -127,7 +128,7 @@ def fit(
             sums[name] = sums.get(name, 0.0) + float(value.detach())
         counted += 1
         if (step + 1) % config.log_every == 0 or step + 1 == config.steps:
-            line: dict[str, float] = {
+            line: LogLine = {
                 "step": step + 1,
                 "seconds": round(time.monotonic() - began, 2),
                 "learning_rate": config.rate_at(step),
@@ -162,7 +163,7 @@ def _update(average: dict[str, torch.Tensor], model: torch.nn.Module, decay: flo
         average[name].lerp_(parameter.detach(), 1 - decay)
 
 
-def _append(file: Path, line: Mapping[str, float]) -> None:
+def _append(file: Path, line: LogLine) -> None:
     file.parent.mkdir(parents=True, exist_ok=True)
     with file.open("a", encoding="utf-8") as stream:
         stream.write(json.dumps(line) + "\n")

@@ -1,0 +1,177 @@
+import dataclasses
+
+import numpy as np
+import pytest
+import torch
+from hypothesis import given
+from hypothesis import strategies as st
+
+from fusionnet.blocks import Block, Cell, Color, Layout, Shape, validate
+from fusionnet.dataset.layouts import varied_layout
+from fusionnet.dataset.pictures import (
+    EMPTY,
+    EYE_FRAME,
+    PicturePlan,
+    Pictures,
+    build_pictures,
+    label,
+)
+from fusionnet.errors import DataError
+from fusionnet.models.heads.boxes import Boxes
+from fusionnet.models.retinanet import RetinaNet
+from fusionnet.randomness import generator
+from fusionnet.simulation import Appearance, SceneRenderer
+from fusionnet.training.detector import batches, collate, measure, new_detector
+from fusionnet.training.loop import LoopConfig, fit
+
+TABLE = Layout(
+    (
+        Block(Color.RED, Shape.CUBE, Cell(2, 3, 0)),
+        Block(Color.GREEN, Shape.PRISM, Cell(2, 3, 1)),
+        Block(Color.WHITE, Shape.CUBE, Cell(6, 1, 0)),
+    )
+)
+
+
+@pytest.fixture(scope="module")
+def renderer():
+    return SceneRenderer("nico", size=EYE_FRAME.eye_size)
+
+
+@pytest.fixture(scope="module")
+def model():
+    return new_detector(seed=0).eval()
+
+
+@given(st.lists(st.floats(0, 500), min_size=4, max_size=4))
+def test_boxes_come_back_from_the_crop(box):
+    boxes = np.array([box])
+    np.testing.assert_allclose(EYE_FRAME.to_eye(EYE_FRAME.to_input(boxes)), boxes, atol=1e-9)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_the_pose_head_projects_as_the_camera_does(renderer, model, seed):
+    look = Appearance.sample(generator(seed, "test"))
+    _, truth = label(renderer, TABLE, look)
+    camera = renderer.camera("left_eye", look)
+    batch = collate([(np.zeros((304, 352, 3), np.uint8), truth)])
+    deviation = model.pose_head.target(batch.matrix, batch.camera_from_board)
+    points = torch.rand(20, 3) * 0.2
+    pixels = model.pose_head.project(deviation, points)[0].numpy()
+    board = renderer.robot.robot_from_board
+    in_robot = points.double().numpy() @ board[:3, :3].T + board[:3, 3]
+    wanted = EYE_FRAME.to_input(np.tile(camera.project(in_robot) + 0.5, 2))[:, :2]
+    np.testing.assert_allclose(pixels, wanted, atol=0.05)
+
+
+def test_labels_tell_what_stands_where(renderer):
+    image, truth = label(renderer, TABLE, Appearance())
+    assert image.shape == (304, 352, 3)
+    assert {i: k for i, k in enumerate(truth.cells) if k != EMPTY} == {
+        block.cell.index: block.class_index for block in TABLE.blocks
+    }
+    assert sorted(truth.classes) == sorted(block.class_index for block in TABLE.blocks)
+    assert not truth.holding
+
+
+def test_a_table_without_blocks_trains(renderer, model):
+    sample = label(renderer, Layout(()), Appearance())
+    losses = model.losses(model(collate([sample]).images), collate([sample]))
+    assert all(torch.isfinite(loss) for loss in losses.values())
+    assert float(losses["box"].detach()) == 0.0
+
+
+def test_the_same_pictures_from_one_worker_or_two(tmp_path):
+    plan = PicturePlan(count=4, seed=5, invented=1.0, shard=2)
+    for workers in (1, 2):
+        build_pictures(tmp_path / str(workers), plan, [], workers=workers)
+    one, two = Pictures(tmp_path / "1"), Pictures(tmp_path / "2")
+    assert len(one) == len(two) == 4
+    for index in range(4):
+        np.testing.assert_array_equal(one[index][0], two[index][0])
+        np.testing.assert_array_equal(one[index][1].cells, two[index][1].cells)
+
+
+def test_a_damaged_shard_is_named(tmp_path):
+    build_pictures(tmp_path, PicturePlan(count=1, invented=1.0, shard=1), [])
+    file = tmp_path / "images-0000.npy"
+    file.write_bytes(file.read_bytes()[:1000])
+    with pytest.raises(DataError, match="Shard 0000 .* is damaged"):
+        Pictures(tmp_path)
+    with pytest.raises(DataError, match="No pictures in"):
+        Pictures(tmp_path / "empty")
+
+
+def test_varied_layouts_can_stand_on_a_table():
+    for index in range(300):
+        validate(varied_layout(generator(index, "layout"), [TABLE], invented=0.2))
+
+
+def test_a_resumed_run_sees_the_batches_that_it_would_have_seen(tmp_path):
+    build_pictures(tmp_path, PicturePlan(count=5, invented=1.0, shard=5), [])
+    pictures = Pictures(tmp_path)
+    whole = batches(pictures, 2, 0, 0)
+    expected = [next(whole).images for _ in range(5)]
+    resumed = batches(pictures, 2, 0, 3)
+    for wanted in expected[3:]:
+        torch.testing.assert_close(next(resumed).images, wanted)
+
+
+def test_the_detector_overfits_one_batch(renderer):
+    layouts = [varied_layout(generator(i, "overfit"), [TABLE], invented=0.5) for i in range(2)]
+    samples = [label(renderer, layout, Appearance()) for layout in layouts]
+    batch, model = collate(samples), new_detector(seed=1)
+    history = fit(
+        model,
+        lambda first: iter([batch] * 40),
+        lambda net, b: model.losses(net(b.images), b),
+        LoopConfig(steps=40, learning_rate=3e-3, log_every=5, loss_weights={"occupancy": 0.2}),
+    )
+    assert history[-1]["occupancy"] < 0.1 * history[0]["occupancy"]
+    assert history[-1]["class"] < 0.3 * history[0]["class"]
+    assert history[-1]["pose"] < 0.5 * history[0]["pose"]
+
+
+def test_perfect_outputs_give_back_the_boxes(model):
+    head = model.box_head
+    truth = Boxes(torch.tensor([[100.0, 90.0, 122.0, 115.0]]), torch.tensor([10]), torch.ones(1))
+    _, _, anchors = head(torch.zeros(1, 48, 38, 44))
+    nearest = int((anchors - truth.xyxy).abs().sum(1).argmin())
+    logits = torch.full((1, len(anchors), 16), -9.0)
+    logits[0, nearest, 10] = 5.0
+    offsets = torch.zeros(1, len(anchors), 4)
+    offsets[0, nearest] = head.coder.encode_single(truth.xyxy, anchors[nearest : nearest + 1])[0]
+    found = head.predict((logits, offsets, anchors))[0]
+    torch.testing.assert_close(found.xyxy, truth.xyxy, atol=1e-3, rtol=0)
+    assert found.classes.tolist() == [10]
+
+
+def test_a_checkpoint_sees_the_same(tmp_path, renderer, model):
+    model.save(tmp_path / "detector", {}, half=False)
+    image = renderer.view(TABLE, labels=False).image
+    before, after = model.see(image), RetinaNet.from_folder(tmp_path / "detector").see(image)
+    np.testing.assert_allclose(before.cells, after.cells, atol=1e-6)
+    np.testing.assert_allclose(before.corners, after.corners, atol=1e-3)
+
+
+@pytest.mark.parametrize("shape", [(540, 960, 3), (270, 480, 3), (1, 1, 3), (33, 900, 3)])
+def test_pictures_of_any_size_are_seen(model, shape):
+    sight = model.see(np.zeros(shape, np.uint8))
+    np.testing.assert_allclose(sight.cells.sum(-1), 1.0, atol=1e-6)
+
+
+def test_measures_of_a_perfect_reader(tmp_path, model, monkeypatch):
+    build_pictures(tmp_path, PicturePlan(count=3, invented=1.0, shard=3), [])
+    pictures = Pictures(tmp_path)
+    truth = collate([pictures[i] for i in range(3)])
+
+    def perfect(images):
+        logits = torch.nn.functional.one_hot(truth.cells, 17).float()
+        pose = model.pose_head.target(truth.matrix, truth.camera_from_board)
+        return {"occupancy": (logits, truth.holding * 2 - 1), "pose": [pose]}
+
+    monkeypatch.setattr(model, "forward", perfect)
+    metrics = measure(model, pictures)
+    assert metrics["layout_right"] == metrics["blocks_right"] == metrics["holding_right"] == 1.0
+    assert metrics["phantoms"] == 0.0 and metrics["pose_pixels"] == pytest.approx(0.0, abs=1e-3)
+    assert dataclasses.is_dataclass(truth)
