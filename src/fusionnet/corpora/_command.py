@@ -11,6 +11,9 @@ from fusionnet.blocks.grid import Layout, Scene
 from fusionnet.errors import UnknownNameError
 from fusionnet.rcl import Tree
 
+GROUPS = 125
+"""Groups of scenes in the treebank; other corpora number theirs alike."""
+
 Part = Literal["train", "val", "test"]
 """The parts of a corpus: by group of scenes, so that no layout is in two of them."""
 
