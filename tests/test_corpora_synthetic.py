@@ -95,7 +95,7 @@ def test_sentences_and_trees_are_varied(made):
     assert repr(Type.TYPE_REFERENCE_GROUP) in missing
     assert len(missing) <= 2, missing  # some are rare
     vocabulary = {word for command in made for word in words_of(command.sentence)}
-    assert len(vocabulary) > 120
+    assert len(vocabulary) > 100
     kinds = [type(command.tree) for command in made]
     assert 0.25 < kinds.count(Sequence) / COUNT < 0.5
     actions = [events(c.tree)[0].action.value for c in made if isinstance(c.tree, Event)]
