@@ -1,6 +1,9 @@
 """A folder imports only what stands above it in the house's list, and physics needs no PyTorch."""
 
 import ast
+import re
+import sys
+import tomllib
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -30,6 +33,7 @@ HOUSE = (
     "apps",
 )
 WITHOUT_TORCH = HOUSE[: HOUSE.index("models")]
+DISTRIBUTIONS = {"cv2": "opencv-python-headless", "PIL": "pillow"}
 TORCH = {"torch", "torchvision", "lightning"}
 
 # `fusionnet/__init__.py` is the front door: it hands out names from any room but the apps.
@@ -79,6 +83,16 @@ def test_nothing_is_pickled(path: Path) -> None:
         if isinstance(node, ast.keyword) and node.arg == "allow_pickle":
             value = node.value.value if isinstance(node.value, ast.Constant) else None
             assert value is False, f"{path}:{node.lineno} allows pickles"
+
+
+def test_what_is_imported_is_what_is_declared() -> None:
+    project = tomllib.loads((SOURCE.parent.parent / "pyproject.toml").read_text())["project"]
+    declared = {re.split(r"[<>=~!\[ ]", line)[0] for line in project["dependencies"]}
+    packages = {name.split(".")[0] for path in MODULES for _, name in imported(path)}
+    needed = {DISTRIBUTIONS.get(name, name) for name in packages - sys.stdlib_module_names}
+    needed = {name.replace("_", "-") for name in needed} - {"fusionnet"}
+    assert needed <= declared, "declare these in pyproject.toml"
+    assert declared - needed == {"daqp", "faster-coco-eval"}, "nothing imports these"
 
 
 def test_the_test_sees_an_import_that_goes_down(tmp_path: Path, monkeypatch) -> None:
