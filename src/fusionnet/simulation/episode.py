@@ -160,6 +160,7 @@ def judge(
 
     A block is where it should be if its centre is within half a cell, along each axis, of the
     middle of its cell and it stands upright. Blocks of one kind may stand in for each other.
+    The level at which a block is held does not count, as in `Layout.same_blocks`.
     """
     centers = apply(invert(robot.robot_from_board), poses.positions)
     upright = poses.rotations[:, 2, 2] > np.cos(TIPPED)
@@ -173,6 +174,8 @@ def judge(
             wrong.append(f"the world has no {_kind(wanted)} for cell {_cell(wanted.cell)}")
             continue
         offsets = centers[alike] - middle
+        if expected.held == wanted and held in alike:
+            offsets[alike.index(held), 2] = 0.0
         best = int(np.argmin(np.abs(offsets).max(axis=1)))
         block = alike[best]
         inside = np.abs(offsets[best]).max() <= BLOCK_SIZE / 2

@@ -15,8 +15,11 @@ from fusionnet.simulation.physics import (
 )
 from fusionnet.simulation.tabletop import BLOCK_HALF
 
-PUSH_LIMIT = 2.0
+PUSH_LIMIT = 3.0
 """A careful motion stops when the hand pushes harder, in newtons (a block weighs 0.12)."""
+
+PUSH_SECONDS = 0.02
+"""Time over which pushing is averaged: a block that yields is knocked aside, a tower is not."""
 
 FRAMES_PER_SECOND = 25
 """Of recorded states."""
@@ -79,12 +82,15 @@ class Hand:
             Whether the end was reached; False after a careful stop.
         """
         lead = self.physics.lead
+        pushing, share = 0.0, TIME_STEP / PUSH_SECONDS
         for position, velocity in zip(motion.positions, motion.velocities, strict=True):
             self._command(position + lead * velocity)
             self._step()
-            if careful and self.push() > PUSH_LIMIT:
-                self._command(self.posture)
-                return False
+            if careful:
+                pushing += share * (self.push() - pushing)
+                if pushing > PUSH_LIMIT:
+                    self._command(self.posture)
+                    return False
         if len(motion):
             self._command(motion.positions[-1])
         return True

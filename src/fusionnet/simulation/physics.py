@@ -44,8 +44,8 @@ PROBE_RADIUS = 0.008
 TORQUE_LIMIT = 6.0
 """Of each arm joint, in newton metres: about what servos of this size can do."""
 
-UPRIGHT_STIFFNESS = 6e-3
-UPRIGHT_DAMPING = 2.5e-4
+UPRIGHT_STIFFNESS = 5e-2
+UPRIGHT_DAMPING = 3.5e-4
 """Of the torque that keeps a held block's orientation, in N m / rad and N m s / rad."""
 
 _TABLE, _BLOCK, _PROBE = int(CollisionBit.WORLD), int(CollisionBit.BLOCK), 64
@@ -111,6 +111,7 @@ def build_physics(robot: Robot, layout: Layout) -> Physics:
     )
     probe.pos, probe.mass, probe.group = spec.site("pinch").pos, 0.0, 4
     probe.contype, probe.conaffinity = _PROBE, _BLOCK | _TABLE
+    probe.friction, probe.priority = [0.05, 0.005, 0.0001], 1  # smooth: it slides off edges
     _add_table(spec, robot)
     add_pyramid_mesh(spec, BLOCK_HALF)
     poses = ideal_poses(layout.blocks, robot.robot_from_board)
