@@ -190,6 +190,31 @@ def test_a_broken_model_is_reported_with_its_line(tmp_path):
         robot.spec()
 
 
+def test_a_model_without_its_parts_names_them(tmp_path):
+    robot = renamed(robots.load("nico"), tmp_path)
+    text = robots.load("nico").model_file.read_text()
+    robot.model_file.write_text(text.replace('"left_eye"', '"third_eye"'))
+    with pytest.raises(DataError, match="robot 'mine' lacks camera 'left_eye'"):
+        robot.spec()
+    robot = renamed(robots.load("nico"), tmp_path, joint_names=("l_shoulder_z", "l_tail"))
+    with pytest.raises(DataError, match="lacks joint 'l_tail', actuator 'l_tail'"):
+        _ = robot.joint_limits
+    robot.model_file.write_text(text.replace('material name="grey"', 'material name="pink"'))
+    with pytest.raises(DataError, match="robot 'mine' cannot be compiled.*grey"):
+        renamed(robots.load("nico"), tmp_path).spec()
+
+
+def test_joints_that_nobody_mentions_are_frozen_at_zero(tmp_path):
+    nico = robots.load("nico")
+    robot = renamed(nico, tmp_path, head_angles={}, resting_angles={})
+    robot.model_file.write_text(nico.model_file.read_text())
+    frozen = robot.spec().compile()
+    zeros = {joint: 0.0 for joint in (*nico.head_angles, *nico.resting_angles)}
+    named = renamed(nico, tmp_path, head_angles={}, resting_angles=zeros).spec().compile()
+    assert frozen.njnt == len(nico.joint_names) + len(nico.finger_positions)
+    np.testing.assert_array_equal(frozen.body_quat, named.body_quat)
+
+
 def test_a_missing_or_foreign_table_is_refused(tmp_path):
     robot = renamed(robots.load("nico"), tmp_path)
     with pytest.raises(DataError, match="no usable joint table.*make_joint_table"):

@@ -12,7 +12,8 @@ from fusionnet.robots._joint_table import (
     save_joint_table,
 )
 from fusionnet.robots._kinematics import ArmKinematics
-from fusionnet.robots._robot import CollisionBit, Robot, TableTop
+from fusionnet.robots._model import CollisionBit
+from fusionnet.robots._robot import Robot, TableTop
 
 _CATALOGUE = Catalogue("fusionnet.robots", kind="robot", attribute="ROBOT")
 

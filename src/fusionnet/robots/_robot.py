@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from enum import IntFlag
 from functools import cached_property
 from pathlib import Path
 from typing import SupportsIndex
@@ -13,20 +12,7 @@ from jaxtyping import Float
 
 from fusionnet.blocks.grid import BLOCK_SIZE, GRID, Cell
 from fusionnet.errors import DataError, InputError
-
-
-class CollisionBit(IntFlag):
-    """Bits of MuJoCo's contype and conaffinity, shared by all robots and the world.
-
-    A robot's model says which kinds its own geoms meet; the world adds what blocks meet.
-    """
-
-    WORLD = 1
-    BLOCK = 2
-    ARM = 4
-    TRUNK = 8
-    HAND = 16
-
+from fusionnet.robots._model import check_parts, compiled, freeze, read_model
 
 CellLike = Sequence[SupportsIndex] | np.ndarray
 """Three whole numbers x, y, z: a `Cell`, a tuple or an array."""
@@ -81,44 +67,44 @@ class Robot:
     def spec(self, head_angles: Mapping[str, float] | None = None) -> mujoco.MjSpec:
         """A fresh model of the robot alone, to be attached to a world at its origin.
 
-        Only the arm's and the fingers' joints move in it; the head and the resting joints
-        are frozen at their angles, which keeps the simulation small.
+        Only the arm's and the fingers' joints move in it; all others are frozen at their head
+        or resting angle, or else at 0, which keeps the simulation small.
 
         Args:
             head_angles: Other angles for some of the head joints [rad].
 
         Raises:
-            DataError: If the model file is missing or broken; the message has the line.
+            DataError: If the model file is missing or broken (the message has the line), or
+                lacks a joint, actuator, camera or site that every robot needs.
         """
-        spec = self.complete_spec()
         frozen = {**self.resting_angles, **self.head_angles, **(head_angles or {})}
-        model = spec.compile()
-        for name, angle in frozen.items():
-            joint = spec.joint(name)
-            body = joint.parent
-            rotation, quaternion = np.zeros(4), np.zeros(4)
-            mujoco.mju_axisAngle2Quat(rotation, model.joint(name).axis, angle)
-            mujoco.mju_mulQuat(quaternion, model.body(body.name).quat, rotation)
-            body.alt.type = mujoco.mjtOrientation.mjORIENTATION_QUAT
-            body.quat = quaternion
-            spec.delete(joint)
+        spec = self.complete_spec()
+        check_parts(spec, self.name, joints=frozen)
+        freeze(spec, self.name, frozen, moving={*self.joint_names, *self.finger_positions})
         return spec
 
     def complete_spec(self) -> mujoco.MjSpec:
         """The model file as it is, with every joint movable.
 
         Raises:
-            DataError: If the file is missing or broken.
+            DataError: As for `spec`.
         """
-        try:
-            return mujoco.MjSpec.from_file(str(self.model_file))
-        except (ValueError, OSError) as error:
-            raise DataError(f"The model of robot {self.name!r} cannot be read: {error}") from error
+        spec = read_model(self.model_file, self.name)
+        moving = (*self.joint_names, *self.finger_positions)
+        check_parts(
+            spec,
+            self.name,
+            joints=moving,
+            actuators=moving,
+            cameras=("left_eye", "right_eye"),
+            sites=("pinch",),
+        )
+        return spec
 
     @cached_property
     def joint_limits(self) -> Float[np.ndarray, "n 2"]:
         """Lowest and highest value of each arm joint, from the model [rad, or m for slides]."""
-        model = self.complete_spec().compile()
+        model = compiled(self.complete_spec(), self.name)
         return _read_only(np.array([model.joint(name).range for name in self.joint_names]))
 
     @cached_property

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from fusionnet.blocks.grid import BLOCK_SIZE, GRID
-from fusionnet.robots._robot import Robot, TableTop
+from fusionnet.robots import Robot, TableTop
 
 JOINT_NAMES = ("gantry_x", "gantry_y", "gantry_z")
 """Forward, left and up."""

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from fusionnet.robots._robot import Robot, TableTop
+from fusionnet.robots import Robot, TableTop
 
 JOINT_NAMES = (
     "l_shoulder_z",

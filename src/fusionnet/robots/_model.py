@@ -1,0 +1,107 @@
+"""Reading a robot's MJCF: what it must hold, and freezing the joints that are not used."""
+
+from collections.abc import Iterable, Mapping, Set
+from enum import IntFlag
+from pathlib import Path
+
+import mujoco
+import numpy as np
+
+from fusionnet.errors import DataError
+
+
+class CollisionBit(IntFlag):
+    """Bits of MuJoCo's contype and conaffinity, shared by all robots and the world.
+
+    A robot's model says which kinds its own geoms meet; the world adds what blocks meet.
+    """
+
+    WORLD = 1
+    BLOCK = 2
+    ARM = 4
+    TRUNK = 8
+    HAND = 16
+
+
+def read_model(file: Path, robot: str) -> mujoco.MjSpec:
+    """The model in an MJCF or URDF file.
+
+    Raises:
+        DataError: If the file is missing or broken; the message has MuJoCo's reason and line.
+    """
+    try:
+        return mujoco.MjSpec.from_file(str(file))
+    except (ValueError, OSError) as error:
+        raise DataError(f"The model of robot {robot!r} cannot be read: {error}") from error
+
+
+def compiled(spec: mujoco.MjSpec, robot: str) -> mujoco.MjModel:
+    """The compiled model.
+
+    Raises:
+        DataError: If MuJoCo cannot compile it; the message has its reason.
+    """
+    try:
+        return spec.compile()
+    except ValueError as error:
+        raise DataError(f"The model of robot {robot!r} cannot be compiled: {error}") from error
+
+
+def check_parts(
+    spec: mujoco.MjSpec,
+    robot: str,
+    *,
+    joints: Iterable[str] = (),
+    actuators: Iterable[str] = (),
+    cameras: Iterable[str] = (),
+    sites: Iterable[str] = (),
+) -> None:
+    """Accept a model that has all the named parts.
+
+    Raises:
+        DataError: If some are missing; the message lists them.
+    """
+    wanted = {"joint": joints, "actuator": actuators, "camera": cameras, "site": sites}
+    missing = [
+        f"{kind} {name!r}"
+        for kind, names in wanted.items()
+        for name in names
+        if getattr(spec, kind)(name) is None
+    ]
+    if missing:
+        raise DataError(
+            f"The model of robot {robot!r} lacks {', '.join(missing)}; add what is missing to it."
+        )
+
+
+def freeze(
+    spec: mujoco.MjSpec, robot: str, values: Mapping[str, float], *, moving: Set[str]
+) -> None:
+    """Fix every joint that does not move: put its body there and delete the joint.
+
+    Args:
+        spec: Changed in place.
+        robot: Name, for messages.
+        values: Joint values [rad, or m for slides]; 0 for joints not named.
+        moving: Joints that stay.
+
+    Raises:
+        DataError: If MuJoCo cannot compile the model.
+    """
+    model = compiled(spec, robot)
+    data = mujoco.MjData(model)
+    joints = [joint for joint in spec.joints if joint.name not in moving]
+    for joint in joints:
+        data.joint(joint.name).qpos = values.get(joint.name, 0.0)
+    mujoco.mj_kinematics(model, data)
+    for joint in joints:
+        body = joint.parent
+        posed = data.body(body.name)
+        parent = model.body_parentid[posed.id]
+        parent_from_robot, position, quaternion = np.zeros(4), np.zeros(3), np.zeros(4)
+        mujoco.mju_negQuat(parent_from_robot, data.xquat[parent])
+        mujoco.mju_rotVecQuat(position, posed.xpos - data.xpos[parent], parent_from_robot)
+        mujoco.mju_mulQuat(quaternion, parent_from_robot, posed.xquat)
+        body.alt.type = mujoco.mjtOrientation.mjORIENTATION_QUAT
+        body.pos, body.quat = position, quaternion
+        spec.delete(joint)
