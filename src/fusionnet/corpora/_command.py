@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cache
 from importlib import resources
 from typing import Literal, get_args
@@ -46,12 +46,14 @@ class Corpus:
         commands: All commands, in the order of the source.
         scenes: All scenes by their number, also those without a command.
         layouts: All layouts by their number.
+        left_out: How many commands of the source were left out, by the reason.
     """
 
     name: str
     commands: tuple[Command, ...]
     scenes: Mapping[int, Scene]
     layouts: Mapping[int, Layout]
+    left_out: Mapping[str, int] = field(default_factory=dict)
 
     def split(self, part: str) -> list[Command]:
         """The commands of one part; scenes without a group belong to "test".

@@ -14,13 +14,14 @@ References:
     spatial commands.
 """
 
-import logging
 import re
 from collections.abc import Iterator
+from functools import lru_cache
 from pathlib import Path
 
 from fusionnet.blocks.grid import Block, Cell, Color, Gripper, Layout, Scene, Shape
 from fusionnet.corpora._command import Command, Corpus
+from fusionnet.corpora._faults import Faults
 from fusionnet.errors import DataError, TreeError
 from fusionnet.rcl import Tree, parse
 
@@ -41,7 +42,6 @@ COLOR_LETTERS = {
 }
 SHAPE_DIGITS = {"1": Shape.CUBE, "2": Shape.PRISM}
 
-_log = logging.getLogger(__name__)
 _CELL = r"([0-7])[ \t]+([0-7])[ \t]+([0-7])"
 _BLOCK = re.compile(_CELL + r"[ \t]+([BCRYGMXW])[ \t]+([12])")
 _GRIPPER = re.compile(_CELL + r"[ \t]+([OC])")
@@ -65,28 +65,16 @@ def read(data: Path | None, *, skip_bad: bool = False) -> Corpus:
             "commands.txt, annotation.txt and configuration.txt (--data DIR)."
         )
     folder = data / "treebank" if (data / "treebank").is_dir() else data
-    faults = _Faults(skip_bad)
+    faults = Faults(skip_bad)
     layouts = dict(_layouts(folder / "configuration.txt", faults))
     scenes = _scenes(layouts)
     trees = dict(_trees(folder / "annotation.txt", faults))
     commands = tuple(_commands(folder / "commands.txt", trees, scenes, faults))
-    return Corpus("treebank", commands, scenes, layouts)
+    left_out = {"unreadable": faults.left_out} if faults.left_out else {}
+    return Corpus("treebank", commands, scenes, layouts, left_out)
 
 
 CORPUS = read
-
-
-class _Faults:
-    """What is done about a bad line: raise, or log and go on."""
-
-    def __init__(self, skip_bad: bool) -> None:
-        self.skip_bad = skip_bad
-
-    def found(self, path: Path, line: int, reason: str) -> None:
-        message = f"{path.name}, line {line}: {reason}"
-        if not self.skip_bad:
-            raise DataError(f"{message} (--skip-bad leaves such records out)")
-        _log.warning("%s; left out", message)
 
 
 def _lines(path: Path) -> Iterator[tuple[int, str]]:
@@ -106,7 +94,7 @@ def _lines(path: Path) -> Iterator[tuple[int, str]]:
         yield number, line.strip("\r\t ")
 
 
-def _layouts(path: Path, faults: _Faults) -> Iterator[tuple[int, Layout]]:
+def _layouts(path: Path, faults: Faults) -> Iterator[tuple[int, Layout]]:
     """Numbered layouts: layout n of group g has the number 5 (g - 1) + n."""
     record: list[tuple[int, str]] = []
     for number, line in [*_lines(path), (-1, "")]:
@@ -116,7 +104,7 @@ def _layouts(path: Path, faults: _Faults) -> Iterator[tuple[int, Layout]]:
             try:
                 yield _layout(record)
             except DataError as error:
-                faults.found(path, *error.args)
+                faults.found(path.name, *error.args)
             record = []
 
 
@@ -135,13 +123,21 @@ def _layout(record: list[tuple[int, str]]) -> tuple[int, Layout]:
     gripper = Gripper(Cell(int(x), int(y), int(z)), closed=state == "C")
     blocks = []
     for number, line in record[2:]:
-        match = _BLOCK.fullmatch(line)
-        if match is None:
+        block = _block(line)
+        if block is None:
             raise DataError(number, f"expected a block as 'x y z colour shape', found {line!r}")
-        x, y, z, color, shape = match.groups()
-        cell = Cell(int(x), int(y), int(z))
-        blocks.append(Block(COLOR_LETTERS[color], SHAPE_DIGITS[shape], cell))
+        blocks.append(block)
     return layout_id, Layout(tuple(blocks), gripper, layout_id)
+
+
+@lru_cache(maxsize=10_000)
+def _block(line: str) -> Block | None:
+    """The block that a line describes; most lines are there many times."""
+    match = _BLOCK.fullmatch(line)
+    if match is None:
+        return None
+    x, y, z, color, shape = match.groups()
+    return Block(COLOR_LETTERS[color], SHAPE_DIGITS[shape], Cell(int(x), int(y), int(z)))
 
 
 def scene_layouts(scene: int) -> tuple[int, int, int]:
@@ -164,23 +160,23 @@ def _scenes(layouts: dict[int, Layout]) -> dict[int, Scene]:
     return scenes
 
 
-def _trees(path: Path, faults: _Faults) -> Iterator[tuple[int, Tree]]:
+def _trees(path: Path, faults: Faults) -> Iterator[tuple[int, Tree]]:
     for number, line in _lines(path):
         if not line:
             continue
         parts = line.split("\t", 2)
         if len(parts) != 3 or not parts[0].isdigit() or parts[1] != "rcl":
             found = f"expected 'id', 'rcl' and the tree with tabs between, found {line[:60]!r}"
-            faults.found(path, number, found)
+            faults.found(path.name, number, found)
             continue
         try:
             yield int(parts[0]), parse(parts[2])
         except TreeError as error:
-            faults.found(path, number, str(error))
+            faults.found(path.name, number, str(error))
 
 
 def _commands(
-    path: Path, trees: dict[int, Tree], scenes: dict[int, Scene], faults: _Faults
+    path: Path, trees: dict[int, Tree], scenes: dict[int, Scene], faults: Faults
 ) -> Iterator[Command]:
     for number, line in _lines(path):
         if not line:
@@ -190,12 +186,12 @@ def _commands(
             found = (
                 f"expected 'id', 'scene' and the sentence with tabs between, found {line[:60]!r}"
             )
-            faults.found(path, number, found)
+            faults.found(path.name, number, found)
             continue
         command, scene = int(parts[0]), int(parts[1])
         if command not in trees:
-            faults.found(path, number, f"command {command} has no tree in annotation.txt")
+            faults.found(path.name, number, f"command {command} has no tree in annotation.txt")
         elif scene not in scenes:
-            faults.found(path, number, f"scene {scene} has no layouts in configuration.txt")
+            faults.found(path.name, number, f"scene {scene} has no layouts in configuration.txt")
         else:
             yield Command(command, parts[2], trees[command], scenes[scene], "treebank")
