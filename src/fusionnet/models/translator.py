@@ -1,0 +1,227 @@
+"""The translator: an English sentence to Robot Command Language trees, best first.
+
+Every tree that comes back is whole and carries the words each of its leaves was
+read from. A sentence that is no command gets an explanation instead of a tree.
+"""
+
+import contextlib
+import functools
+import math
+from collections.abc import Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from jaxtyping import Float
+from torch import Tensor
+from torch.nn.functional import cross_entropy
+
+from fusionnet.errors import CheckpointError, InputError, TreeError
+from fusionnet.models.beam_search import Hypothesis, beam_search
+from fusionnet.models.checkpoint import load_checkpoint, restore, save_checkpoint
+from fusionnet.models.reading import Reading, refuse_what_is_no_command
+from fusionnet.models.translator_network import (
+    SentenceBatch,
+    TranslatorNetwork,
+    network_config,
+    padded,
+    state_word,
+)
+from fusionnet.models.tree_symbols import (
+    END,
+    NUMBERS,
+    PADDING,
+    START,
+    SYMBOLS,
+    Symbol,
+    symbols_of,
+    tree_of,
+)
+from fusionnet.rcl import Tree
+from fusionnet.sentences import Vocabulary, Words, readable_words
+
+KIND = "translator"
+
+
+class Translator:
+    """Sentences to trees with a trained network.
+
+    Args:
+        network: The trained network.
+        vocabulary: The words that it was trained with.
+    """
+
+    def __init__(self, network: TranslatorNetwork, vocabulary: Vocabulary) -> None:
+        if network.config.words != len(vocabulary) or network.config.symbols != len(SYMBOLS):
+            raise CheckpointError(
+                f"The translator's network knows {network.config.words} words and "
+                f"{network.config.symbols} symbols, its vocabulary {len(vocabulary)} and "
+                f"{len(SYMBOLS)}; it belongs to another release."
+            )
+        self.network = network.eval()
+        self.vocabulary = vocabulary
+        self._cached = functools.lru_cache(maxsize=256)(self._translate)
+
+    @classmethod
+    def from_folder(cls, folder: Path | str) -> "Translator":
+        """Read a translator from its checkpoint.
+
+        Raises:
+            CheckpointError: If it is missing, damaged or of another version.
+        """
+        folder = Path(folder)
+        checkpoint = load_checkpoint(folder, KIND)
+        words = checkpoint.config.get("vocabulary")
+        if not isinstance(words, list) or not all(isinstance(w, str) for w in words):
+            raise CheckpointError(f"The checkpoint {folder} has no vocabulary.")
+        try:
+            vocabulary = Vocabulary(words)
+        except ValueError as error:
+            raise CheckpointError(f"The checkpoint {folder} is damaged: {error}.") from error
+        network = TranslatorNetwork(network_config(checkpoint.config.get("network")))
+        restore(network, checkpoint.tensors, folder)
+        return cls(network, vocabulary)
+
+    def save(self, folder: Path, *, metadata: dict[str, Any], half: bool = False) -> None:
+        """Write the checkpoint that `from_folder` reads.
+
+        Raises:
+            OutputError: If the folder cannot be written.
+        """
+        config = {
+            "network": asdict(self.network.config),
+            "vocabulary": list(self.vocabulary.words),
+            "symbols": list(SYMBOLS),
+        }
+        tensors = self.network.state_dict()
+        save_checkpoint(
+            folder, kind=KIND, config=config, tensors=tensors, metadata=metadata, half=half
+        )
+
+    def translate(
+        self, sentence: str, *, holding: bool | None = None, beam: int = 10, count: int = 5
+    ) -> tuple[Reading, ...]:
+        """The readings of a sentence, the most probable first.
+
+        Args:
+            sentence: What a person typed.
+            holding: Whether the gripper holds a block; None when that is not known. By
+                it "put" means to move a block or to drop the held one.
+            beam: Width of the search, from 1 (greedy) to 100.
+            count: Readings wanted, at most.
+
+        Raises:
+            InputError: If `beam` or `count` is out of range.
+            NotUnderstoodError: If it is empty, too long, or no command in English;
+                the message says which words are not known.
+        """
+        if not (1 <= beam <= 100 and 1 <= count):
+            raise InputError(f"A beam is 1 to 100 wide, a count at least 1; got {beam}, {count}.")
+        return self._cached(sentence, holding, beam, count)
+
+    def _translate(
+        self, sentence: str, holding: bool | None, beam: int, count: int
+    ) -> tuple[Reading, ...]:
+        words = readable_words(sentence)
+        [readings] = self.read([words], [holding], beam=beam, count=count)
+        refuse_what_is_no_command(sentence, words, readings, self.vocabulary)
+        return readings
+
+    def read(
+        self,
+        sentences: Sequence[Words],
+        holding: Sequence[bool | None],
+        *,
+        beam: int = 10,
+        count: int = 5,
+    ) -> list[tuple[Reading, ...]]:
+        """The readings of many sentences at once; none where none is a whole tree.
+
+        Nothing is refused here: strange words are read as well as they can be.
+        """
+        spare = min(beam, count + 2)  # should a run be no tree
+        found = beam_search(self.network, self._batch(sentences, holding), beam=beam, count=spare)
+        return [
+            tuple(r for h in hypotheses if (r := _reading(h, words)) is not None)[:count]
+            for words, hypotheses in zip(sentences, found, strict=True)
+        ]
+
+    @torch.inference_mode()
+    def features(
+        self, sentence: str, *, holding: bool | None = None
+    ) -> Float[Tensor, "words features"]:
+        """The encoder's vectors, one a word, for a fusion; the gripper's state comes first.
+
+        Raises:
+            NotUnderstoodError: If the sentence is empty or too long.
+        """
+        batch = self._batch([readable_words(sentence)], [holding])
+        return self.network.encode(batch).features[0]
+
+    @torch.inference_mode()
+    def teacher_forced(
+        self,
+        sentences: Sequence[Words],
+        holding: Sequence[bool | None],
+        trees: Sequence[Tree],
+        size: int = 64,
+    ) -> tuple[float, float]:
+        """Share of right symbols and mean cross-entropy [nats], each given the right ones before.
+
+        Trees that the symbols cannot write are left out.
+        """
+        rows = []
+        for words, held, tree in zip(sentences, holding, trees, strict=True):
+            with contextlib.suppress(TreeError):
+                rows.append((words, held, [NUMBERS[s.name] for s in symbols_of(tree)]))
+        right, entropy, counted = 0, 0.0, 0
+        for start in range(0, len(rows), size):
+            part = rows[start : start + size]
+            given = padded([[NUMBERS[START], *run] for _, _, run in part], NUMBERS[PADDING])
+            wanted = padded([[*run, NUMBERS[END]] for _, _, run in part], NUMBERS[PADDING])
+            batch = self._batch([words for words, _, _ in part], [held for _, held, _ in part])
+            logits, _ = self.network(batch, given)
+            asked = wanted != NUMBERS[PADDING]
+            right += int((logits.argmax(-1) == wanted)[asked].sum())
+            entropy += float(cross_entropy(logits[asked], wanted[asked], reduction="sum"))
+            counted += int(asked.sum())
+        return right / max(counted, 1), entropy / max(counted, 1)
+
+    def _batch(self, sentences: Sequence[Words], holding: Sequence[bool | None]) -> SentenceBatch:
+        rows = [(state_word(h), *w.texts) for w, h in zip(sentences, holding, strict=True)]
+        return SentenceBatch.of(rows, self.vocabulary, self.network.config.buckets)
+
+
+def _reading(hypothesis: Hypothesis, words: Words) -> Reading | None:
+    """A hypothesis as a reading, if it writes a whole tree."""
+    names = tuple(SYMBOLS[number] for number in hypothesis.numbers)
+    symbols = [
+        Symbol(name, span_tokens(weights, words) if ":" in name else ())
+        for name, weights in zip(names, hypothesis.attention, strict=True)
+    ]
+    try:
+        tree = tree_of(symbols)
+    except TreeError:
+        return None
+    return Reading(
+        tree=tree,
+        probability=math.exp(hypothesis.log_probability),
+        log_probability=hypothesis.log_probability,
+        symbols=names,
+        words=words.texts,
+        attention=hypothesis.attention.mean(1)[:, 1 : 1 + len(words)],
+    )
+
+
+def span_tokens(attention: Float[np.ndarray, "2 t"], words: Words) -> tuple[int, ...]:
+    """The token positions from the word the first head points at to the second head's.
+
+    Place 0 is the gripper's state: a symbol that looks there was said by no word.
+    """
+    first = int(attention[0, : 1 + len(words)].argmax())
+    if first == 0:
+        return ()
+    last = first + int(attention[1, first : 1 + len(words)].argmax())
+    return tuple(range(words.positions[first - 1], words.positions[last - 1] + 1))

@@ -1,0 +1,274 @@
+"""Train the translator: sentences to trees, from a few thousand commands and their alignments.
+
+`fusionnet train translator --data DIR` runs this: minutes on one core. Half of each
+epoch is drawn towards sentences with rare symbols, and every sentence is changed
+anew each time it is seen (`sentence_augmentation`).
+"""
+
+import logging
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from jaxtyping import Float, Int
+from torch import Tensor
+from torch.nn.functional import cross_entropy
+
+from fusionnet.corpora import Command, load_corpus
+from fusionnet.errors import DataError
+from fusionnet.models.translator import Translator
+from fusionnet.models.translator_network import (
+    STATES,
+    SentenceBatch,
+    TranslatorNetwork,
+    TranslatorNetworkConfig,
+    padded,
+    state_word,
+)
+from fusionnet.models.tree_symbols import END, NUMBERS, PADDING, START
+from fusionnet.randomness import derived_seed, generator
+from fusionnet.sentences import UNKNOWN, Vocabulary, words_of
+from fusionnet.sentences.phrases import COLOR_PHRASES, NUMBER_WORDS, OPENINGS, SYNONYMS
+from fusionnet.training.aligned_sentences import AlignedSentence, aligned_all
+from fusionnet.training.loop import LoopConfig, Progress, fit
+from fusionnet.training.sentence_augmentation import AugmentationConfig, Augmenter
+from fusionnet.training.splits import Split, commands_of
+
+log = logging.getLogger(__name__)
+
+IGNORED = -100
+"""Target of what has no right answer: the words of a marker."""
+
+LOSS_WEIGHTS = {"symbols": 1.0, "words": 0.3}
+
+
+@dataclass(frozen=True, kw_only=True)
+class TranslatorConfig:
+    """How to train the translator.
+
+    Attributes:
+        out: Folder of the checkpoint; the log and the resumable state go to `work`.
+        work: Folder for everything that is not the checkpoint.
+        corpus: Corpus to learn from.
+        data: Folder of the corpus.
+        learn: Splits to learn from; the test groups are never among the default ones.
+        check: Splits to measure on; their commands are not learnt from.
+        batch: Sentences a step.
+        rare: Share of the sentences that are drawn towards rare symbols.
+        unknown_words: Share of words whose vector is hidden, so that spelling must do.
+        smoothing: Share of probability that targets give away to all symbols.
+        augmentation: How sentences are changed.
+        loop: Steps and schedule.
+        half: Whether the checkpoint stores 16 bits a number.
+        seed: Source of all randomness.
+    """
+
+    out: Path = Path("runs/translator/checkpoint")
+    work: Path = Path("runs/translator")
+    corpus: str = "treebank"
+    data: Path | None = None
+    learn: tuple[Split, ...] = ("train", "val")
+    check: tuple[Split, ...] = ("test",)
+    batch: int = 64
+    rare: float = 0.5
+    unknown_words: float = 0.1
+    smoothing: float = 0.03
+    augmentation: AugmentationConfig = field(default_factory=AugmentationConfig)
+    loop: LoopConfig = field(
+        default_factory=lambda: LoopConfig(
+            steps=3000, learning_rate=2e-3, average=0.998, loss_weights=LOSS_WEIGHTS
+        )
+    )
+    half: bool = True
+    seed: int = 0
+
+
+@dataclass(frozen=True)
+class TrainingBatch:
+    """Sentences and what the network shall write for them.
+
+    Attributes:
+        sentences: The words.
+        given: Symbols from `START` on.
+        wanted: Symbols up to `END`; padding behind it.
+        spans: First and last word of each wanted symbol, 0 where no word says it,
+            `IGNORED` where nothing is asked.
+    """
+
+    sentences: SentenceBatch
+    given: Int[Tensor, "b s"]
+    wanted: Int[Tensor, "b s"]
+    spans: Int[Tensor, "b s 2"]
+
+    def to(self, device: torch.device) -> "TrainingBatch":
+        """The same batch on another device."""
+        return TrainingBatch(
+            self.sentences.to(device),
+            self.given.to(device),
+            self.wanted.to(device),
+            self.spans.to(device),
+        )
+
+
+def train(config: TranslatorConfig, *, progress: Progress | None = None) -> dict[str, Any]:
+    """Train, measure on the commands kept apart, and save; returns the metrics."""
+    corpus = load_corpus(config.corpus, config.data)
+    checked = commands_of(corpus, config.check)
+    kept_apart = {command.id for command in checked}
+    learnt = [c for c in commands_of(corpus, config.learn) if c.id not in kept_apart]
+    sentences = aligned_all(learnt)
+    if not sentences:
+        raise DataError(f"The corpus {config.corpus!r} has no commands in {config.learn} to learn.")
+    vocabulary = vocabulary_of(sentences)
+    network = new_network(len(vocabulary), config.seed)
+    with torch.random.fork_rng(devices=[]):
+        torch.manual_seed(derived_seed(config.seed, "translator", "dropout"))
+        history = fit(
+            network,
+            lambda first: batches(sentences, vocabulary, config, first),
+            lambda wrapped, batch: translator_losses(wrapped, batch, config.smoothing),
+            config.loop,
+            folder=config.work,
+            progress=progress,
+        )
+    translator = Translator(network, vocabulary)
+    metrics = {
+        "sentences": len(sentences),
+        "checked": len(checked),
+        "exact": exact(translator, checked) if checked else None,
+        "loss": history[-1]["loss"] if history else None,
+        "parameters": sum(p.numel() for p in network.parameters()),
+    }
+    described = {k: v for k, v in asdict(config).items() if k not in ("out", "work", "data")}
+    translator.save(
+        config.out, metadata={"training": described, "metrics": metrics}, half=config.half
+    )
+    return metrics
+
+
+def vocabulary_of(sentences: Sequence[AlignedSentence], least: int = 2) -> Vocabulary:
+    """The words that occur often enough, the gripper's states, and those of our own phrases."""
+    ours = [words.split() for words in OPENINGS]
+    ours += [phrase.split() for phrases, _ in COLOR_PHRASES.values() for phrase in phrases]
+    ours += [phrase.split() for known in SYNONYMS.values() for phrase in known]
+    ours += [[*STATES, *NUMBER_WORDS]]
+    return Vocabulary.of([*(s.words for s in sentences), *ours, *ours], least)
+
+
+def new_network(words: int, seed: int) -> TranslatorNetwork:
+    """An untrained network."""
+    with torch.random.fork_rng(devices=[]):
+        torch.manual_seed(derived_seed(seed, "translator", "weights"))
+        return TranslatorNetwork(TranslatorNetworkConfig(words=words))
+
+
+def batches(
+    sentences: Sequence[AlignedSentence],
+    vocabulary: Vocabulary,
+    config: TranslatorConfig,
+    first: int,
+) -> Iterator[TrainingBatch]:
+    """Endless batches from step `first` on; the same for a resumed run.
+
+    An epoch takes as many sentences as there are, changes them, sorts them by length
+    within pools of some batches, and gives the batches in random order.
+    """
+    augment = Augmenter(sentences, config.augmentation)
+    weights = rarity(sentences)
+    size = min(config.batch, len(sentences))
+    an_epoch = max(1, len(sentences) // size)
+    step = first
+    while True:
+        epoch, skipped = divmod(step, an_epoch)
+        rng = generator(config.seed, "translator", "epoch", epoch)
+        rare = int(config.rare * an_epoch * size)
+        chosen = np.concatenate(
+            [
+                rng.permutation(len(sentences))[: an_epoch * size - rare],
+                rng.choice(len(sentences), rare, p=weights),
+            ]
+        )
+        changed = [augment(sentences[i], rng) for i in rng.permutation(chosen)]
+        rows = _bucketed(changed, size, rng)
+        hidden = [rng.random((size, 1 + max(len(s.words) for s in row))) for row in rows]
+        for row, chance in list(zip(rows, hidden, strict=True))[skipped:]:
+            yield collate(row, vocabulary, chance < config.unknown_words)
+            step += 1
+
+
+def collate(
+    sentences: Sequence[AlignedSentence], vocabulary: Vocabulary, hidden: np.ndarray | None = None
+) -> TrainingBatch:
+    """Sentences as tensors; the word vectors of `hidden` places are replaced by the unknown's."""
+    words = [(state_word(s.holding), *s.words) for s in sentences]
+    batch = SentenceBatch.of(words, vocabulary, TranslatorNetworkConfig(words=1).buckets)
+    if hidden is not None:
+        cover = torch.from_numpy(hidden) & (batch.spellings > 0)
+        batch.numbers[cover] = UNKNOWN
+    numbers = [[NUMBERS[name] for name in s.symbols] for s in sentences]
+    spans = [
+        [
+            (IGNORED, IGNORED) if ":" not in n else (0, 0) if s is None else (s[0] + 1, s[1] + 1)
+            for n, s in zip(sentence.symbols, sentence.spans, strict=True)
+        ]
+        for sentence in sentences
+    ]
+    first = padded([[*(a for a, _ in row), IGNORED] for row in spans], IGNORED)
+    last = padded([[*(b for _, b in row), IGNORED] for row in spans], IGNORED)
+    return TrainingBatch(
+        batch,
+        padded([[NUMBERS[START], *row] for row in numbers], NUMBERS[PADDING]),
+        padded([[*row, NUMBERS[END]] for row in numbers], NUMBERS[PADDING]),
+        torch.stack((first, last), -1),
+    )
+
+
+def translator_losses(
+    network: torch.nn.Module, batch: TrainingBatch, smoothing: float
+) -> dict[str, Float[Tensor, ""]]:
+    """Cross-entropy of the symbols, and of the words that each head points at."""
+    logits, scores = network(batch.sentences, batch.given)
+    symbols = cross_entropy(
+        logits.flatten(0, 1),
+        batch.wanted.flatten(),
+        ignore_index=NUMBERS[PADDING],
+        label_smoothing=smoothing,
+    )
+    words = cross_entropy(scores.flatten(0, 2), batch.spans.flatten(), ignore_index=IGNORED)
+    return {"symbols": symbols, "words": words}
+
+
+def rarity(sentences: Sequence[AlignedSentence]) -> Float[np.ndarray, " n"]:
+    """A probability for each sentence: larger, the rarer its rarest symbol is."""
+    counts = Counter(name for s in sentences for name in set(s.symbols))
+    weights = np.array([min(counts[name] for name in s.symbols) ** -0.5 for s in sentences])
+    return weights / weights.sum()
+
+
+def exact(translator: Translator, commands: Sequence[Command], size: int = 64) -> float:
+    """Share of commands whose most probable tree is the right one."""
+    right = 0
+    for start in range(0, len(commands), size):
+        part = commands[start : start + size]
+        found = translator.read(
+            [words_of(c.sentence) for c in part],
+            [c.scene.before.held is not None for c in part],
+            count=1,
+        )
+        right += sum(bool(r) and r[0].tree == c.tree for r, c in zip(found, part, strict=True))
+    return right / len(commands)
+
+
+def _bucketed(
+    sentences: list[AlignedSentence], size: int, rng: np.random.Generator, pool: int = 10
+) -> list[list[AlignedSentence]]:
+    """Batches of like length, in random order."""
+    rows = []
+    for start in range(0, len(sentences), size * pool):
+        part = sorted(sentences[start : start + size * pool], key=lambda s: len(s.words))
+        rows += [part[i : i + size] for i in range(0, len(part), size)]
+    return [rows[i] for i in rng.permutation(len(rows))]

@@ -1,0 +1,624 @@
+"""The translator: symbols, augmentation, network, decoding, refusals, grounding, evaluation."""
+
+import dataclasses
+import json
+import math
+import time
+from collections import Counter
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from fusionnet.blocks import Block, Cell, Gripper, Layout, Scene, Shape
+from fusionnet.corpora import Command, Corpus, load_corpus
+from fusionnet.errors import (
+    CheckpointError,
+    DataError,
+    InputError,
+    NotUnderstoodError,
+    PlanningError,
+    TreeError,
+    UnknownNameError,
+)
+from fusionnet.evaluation.translation import SHIPPED, TranslationEvaluation, evaluate, measure
+from fusionnet.models.beam_search import beam_search
+from fusionnet.models.grounded_reading import grounded
+from fusionnet.models.reading import Reading
+from fusionnet.models.translator import Translator
+from fusionnet.models.translator_network import (
+    SentenceBatch,
+    TranslatorNetwork,
+    TranslatorNetworkConfig,
+)
+from fusionnet.models.tree_symbols import (
+    END,
+    MARKERS,
+    NUMBERS,
+    START,
+    SYMBOLS,
+    Symbol,
+    symbols_of,
+    tree_of,
+)
+from fusionnet.rcl import Color, format, parse
+from fusionnet.sentences import Vocabulary, edits, words_of
+from fusionnet.sentences.phrases import COLOR_PHRASES
+from fusionnet.training.aligned_sentences import AlignedSentence, aligned, entity_parts
+from fusionnet.training.loop import LoopConfig, fit
+from fusionnet.training.sentence_augmentation import (
+    AugmentationConfig,
+    Augmenter,
+    mirrored,
+    misspelt,
+    recolored,
+    renumbered,
+    with_pronoun,
+)
+from fusionnet.training.splits import commands_of
+from fusionnet.training.translator import (
+    TranslatorConfig,
+    batches,
+    collate,
+    train,
+    translator_losses,
+    vocabulary_of,
+)
+
+SAID = {
+    "pick up the red cube on the tower near the left edge": (
+        "(event: (action: take (token: 1 2)) (entity: (color: red (token: 4)) "
+        "(type: cube (token: 5)) (spatial-relation: (relation: above (token: 6)) "
+        "(entity: (type: stack (token: 8)) (spatial-relation: (relation: nearest (token: 9)) "
+        "(entity: (indicator: left (token: 11)) (type: edge (token: 12))))))))"
+    ),
+    "move the blue pyramid two squares to the right": (
+        "(event: (action: move (token: 1)) (entity: (color: blue (token: 3)) "
+        "(type: prism (token: 4))) (destination: (spatial-relation: (measure: "
+        "(entity: (cardinal: 2 (token: 5)) (type: tile (token: 6)))) "
+        "(relation: right (token: 9)))))"
+    ),
+    "take the green block and put it on the white-gray tower": (
+        "(sequence: (event: (action: take (token: 1)) (entity: (id: 1) (color: green (token: 3)) "
+        "(type: cube (token: 4)))) (event: (action: drop (token: 6)) "
+        "(entity: (type: reference (token: 7)) (reference-id: 1)) (destination: "
+        "(spatial-relation: (relation: above (token: 8)) (entity: (color: white (token: 10)) "
+        "(color: gray (token: 12)) (type: stack (token: 13)))))))"
+    ),
+    "drop the pink block on the single cube in the corner": (
+        "(event: (action: drop (token: 1)) (entity: (color: magenta (token: 3)) "
+        "(type: cube (token: 4))) (destination: (spatial-relation: (relation: above (token: 5)) "
+        "(entity: (indicator: individual (token: 7)) (type: cube (token: 8)) "
+        "(spatial-relation: (relation: within (token: 9)) "
+        "(entity: (type: corner (token: 11))))))))"
+    ),
+}
+FREE = Layout((Block(Color.RED, Shape.CUBE, Cell(0, 0, 0)),))
+HELD = Layout(
+    (Block(Color.MAGENTA, Shape.CUBE, Cell(3, 3, 5)), Block(Color.RED, Shape.CUBE, Cell(0, 0, 0))),
+    Gripper(Cell(3, 3, 5), closed=True),
+)
+COMMANDS = [
+    Command(
+        number,
+        sentence,
+        parse(tree),
+        Scene(HELD if sentence.startswith("drop") else FREE, FREE, number, 1),
+        "own",
+    )
+    for number, (sentence, tree) in enumerate(SAID.items(), 1)
+]
+SENTENCES = [a for c in COMMANDS if (a := aligned(c)) is not None]
+SMALL = {
+    "word_size": 24,
+    "encoder_size": 16,
+    "symbol_size": 12,
+    "decoder_size": 24,
+    "attention_size": 12,
+}
+
+
+def small_network(vocabulary: Vocabulary, dropout: float = 0.0) -> TranslatorNetwork:
+    with torch.random.fork_rng():
+        torch.manual_seed(0)
+        config = TranslatorNetworkConfig(words=len(vocabulary), dropout=dropout, **SMALL)
+        return TranslatorNetwork(config).eval()
+
+
+@pytest.fixture(scope="module")
+def treebank(data_folder) -> Corpus:
+    return load_corpus("treebank", data_folder)
+
+
+@pytest.fixture(scope="module")
+def shipped() -> Translator:
+    return Translator.from_folder(SHIPPED)
+
+
+# --- symbols ---------------------------------------------------------------------------
+
+
+def test_symbols_are_a_preorder_of_values_with_few_markers():
+    names = [s.name.partition(":")[2] or s.name for s in symbols_of(COMMANDS[2].tree)]
+    assert names == ("take id green cube drop reference destination above white gray stack".split())
+
+
+@pytest.mark.parametrize("tree", SAID.values())
+def test_symbols_lose_nothing(tree):
+    assert format(tree_of(symbols_of(parse(tree)))) == tree
+
+
+def test_symbols_lose_nothing_of_the_treebank_and_are_short(treebank):
+    lengths = []
+    for command in treebank.commands:
+        run = symbols_of(command.tree)
+        assert format(tree_of(run)) == format(command.tree)
+        lengths.append(len(run))
+    assert len(lengths) == 2500
+    assert np.mean(lengths) < 9 and max(lengths) == 22
+
+
+NAMES = st.sampled_from([name for name in SYMBOLS if name not in MARKERS[:3]])
+
+
+@settings(max_examples=200)
+@given(st.lists(NAMES, max_size=12).map(lambda names: ["action:move", "type:cube", *names]))
+def test_any_run_of_symbols_is_a_tree_or_refused(names):
+    try:
+        tree = tree_of([Symbol(name) for name in names])
+    except TreeError:
+        return
+    assert parse(format(tree)) == tree
+    assert tree_of(symbols_of(tree)) == tree
+
+
+@pytest.mark.parametrize(
+    "tree, reason",
+    [
+        ("(event: (action: take) (entity: (id: 2) (type: cube)))", "id 1 only"),
+        ("(event: (action: take) (entity: (cardinal: 9) (type: cube)))", "count to 8"),
+        (
+            "(event: (action: take) (entity: (type: cube) (spatial-relation: (relation: left)) "
+            "(spatial-relation: (relation: right))))",
+            "one relation",
+        ),
+    ],
+)
+def test_what_symbols_cannot_say_is_refused(tree, reason):
+    with pytest.raises(TreeError, match=reason):
+        symbols_of(parse(tree))
+
+
+# --- aligned sentences and augmentation --------------------------------------------------
+
+
+def spoken(sentence: AlignedSentence) -> dict[str, str]:
+    """The words of each symbol that is said by some."""
+    pairs = zip(sentence.symbols, sentence.spans, strict=True)
+    return {n: " ".join(sentence.words[s[0] : s[1] + 1]) for n, s in pairs if s is not None}
+
+
+def check_whole(sentence: AlignedSentence) -> None:
+    """A sentence whose symbols are a tree and whose spans are within its words."""
+    tree_of([Symbol(name) for name in sentence.symbols])
+    assert len(sentence.symbols) == len(sentence.spans)
+    for span in sentence.spans:
+        assert span is None or 0 <= span[0] <= span[1] < len(sentence.words)
+    assert all(word and not word.isspace() for word in sentence.words)
+
+
+def test_alignment_leaves_punctuation_out():
+    assert spoken(SENTENCES[2])["color:gray"] == "gray"
+    assert SENTENCES[3].holding and not SENTENCES[0].holding
+
+
+def test_entities_are_found_with_their_roles():
+    roles = [(p.role, SENTENCES[0].symbols[p.head]) for p in entity_parts(SENTENCES[0].symbols)]
+    assert roles == [
+        ("event", "type:cube"),
+        ("relation:above", "type:stack"),
+        ("relation:nearest", "type:edge"),
+    ]
+    measure_ = entity_parts(SENTENCES[1].symbols)[1]
+    assert (measure_.role, measure_.in_destination) == ("measure", True)
+
+
+def test_recolouring_changes_words_and_tree_alike():
+    for seed in range(50):
+        changed = recolored(SENTENCES[2], np.random.default_rng(seed))
+        check_whole(changed)
+        said = spoken(changed)
+        assert len([n for n in said if n.startswith("color:")]) == 3  # all different still
+        for name, phrase in said.items():
+            if name.startswith("color:"):
+                color = Color(name.removeprefix("color:"))
+                assert phrase in COLOR_PHRASES[color][0]
+
+
+def test_mirroring_twice_changes_nothing():
+    for sentence in SENTENCES:
+        assert mirrored(mirrored(sentence)) == sentence
+    assert spoken(mirrored(SENTENCES[1]))["relation:left"] == "left"
+
+
+def test_renumbering_counts_tiles_in_the_right_number():
+    one = renumbered(SENTENCES[1], SENTENCES[1].symbols.index("cardinal:2"), 1)
+    assert " ".join(one.words) == "move the blue pyramid one square to the right"
+    assert "cardinal:1" in one.symbols
+
+
+def test_a_held_block_may_be_called_it():
+    changed = with_pronoun(SENTENCES[3])
+    assert " ".join(changed.words) == "drop it on the single cube in the corner"
+    assert changed.symbols[:2] == ("action:drop", "type:reference")
+    assert with_pronoun(SENTENCES[0]) is SENTENCES[0]
+
+
+@given(st.text("abcdefgh", min_size=1, max_size=9), st.integers(0, 1000))
+def test_a_slip_of_the_pen_is_one_edit(word, seed):
+    assert edits(misspelt(word, np.random.default_rng(seed)), word) <= 1
+
+
+def test_augmented_sentences_are_whole(treebank):
+    sentences = [a for c in treebank.commands[:200] if (a := aligned(c)) is not None]
+    augment = Augmenter(sentences, AugmentationConfig())
+    rng = np.random.default_rng(0)
+    changed = [augment(sentence, rng) for sentence in sentences for _ in range(3)]
+    for sentence in changed:
+        check_whole(sentence)
+    assert len(set(changed)) > 450
+    colors = Counter(n for s in changed for n in s.symbols if n.startswith("color:"))
+    assert len(colors) == 8
+
+
+# --- network and decoding ------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def learnt() -> tuple[TranslatorNetwork, Vocabulary, list[dict[str, float]]]:
+    """A small network that has learnt four sentences by heart."""
+    vocabulary = vocabulary_of(SENTENCES, least=1)
+    network = small_network(vocabulary)
+    batch = collate(SENTENCES, vocabulary)
+    history = fit(
+        network,
+        lambda first: iter([batch] * 120),
+        lambda wrapped, batch: translator_losses(wrapped, batch, 0.0),
+        LoopConfig(steps=120, learning_rate=2e-2, weight_decay=0.0, log_every=50),
+    )
+    return network, vocabulary, history
+
+
+def test_a_network_learns_one_batch_by_heart(learnt):
+    network, vocabulary, history = learnt
+    assert history[-1]["loss"] < 0.1 < history[0]["loss"]
+    measured = measure(Translator(network, vocabulary), COMMANDS)
+    assert measured["exact"] == measured["exact_with_alignments"] == 1
+    assert measured["word_accuracy"] == 1
+    assert measured["cross_entropy"] < 0.1
+
+
+def test_a_sentence_reads_alike_alone_and_among_longer_ones(learnt):
+    network, vocabulary, _ = learnt
+    rows = [("<free>", *s.words) for s in SENTENCES]
+    symbols = torch.full((4, 1), NUMBERS[START])
+    together, _ = network(SentenceBatch.of(rows, vocabulary, 1024), symbols)
+    for row, words in enumerate(rows):
+        alone, _ = network(SentenceBatch.of([words], vocabulary, 1024), symbols[:1])
+        torch.testing.assert_close(alone[0], together[row], atol=1e-5, rtol=1e-4)
+
+
+def test_a_hypothesis_has_the_probability_that_the_network_gives_it(learnt):
+    network, vocabulary, _ = learnt
+    batch = SentenceBatch.of([("<free>", *SENTENCES[0].words)], vocabulary, 1024)
+    [found] = beam_search(network, batch, beam=6, count=6)
+    never = torch.zeros(len(SYMBOLS))
+    never[[0, NUMBERS[START]]] = -torch.inf
+    assert len({h.numbers for h in found}) == len(found) > 1
+    for hypothesis in found:
+        run = torch.tensor([[NUMBERS[START], *hypothesis.numbers]])
+        with torch.no_grad():
+            logits, scores = network(batch, run)
+        gains = (logits[0] + never).log_softmax(-1)
+        wanted = [*hypothesis.numbers, NUMBERS[END]]
+        total = sum(float(gains[i, n]) for i, n in enumerate(wanted))
+        assert hypothesis.log_probability == pytest.approx(total, abs=1e-4)
+        looked = scores[0, :-1].softmax(-1).numpy()
+        np.testing.assert_allclose(hypothesis.attention, looked, atol=1e-5)
+    totals = [h.log_probability for h in found]
+    assert totals == sorted(totals, reverse=True)
+
+
+def test_a_wider_beam_finds_nothing_less_probable(learnt):
+    network, vocabulary, _ = learnt
+    rows = [("<unsure>", "put", "the", "red", "tower"), ("<free>", "drop", "it")]
+    batch = SentenceBatch.of(rows, vocabulary, 1024)
+    greedy = beam_search(network, batch, beam=1, count=1)
+    wide = beam_search(network, batch, beam=12, count=3)
+    for one, many in zip(greedy, wide, strict=True):
+        assert not one or many[0].log_probability >= one[0].log_probability - 1e-5
+
+
+def test_training_batches_are_the_same_for_a_resumed_run():
+    config = TranslatorConfig(batch=2)
+    vocabulary = vocabulary_of(SENTENCES, least=1)
+    whole, resumed = (batches(SENTENCES, vocabulary, config, first) for first in (0, 3))
+    for _ in range(3):
+        next(whole)
+    for _ in range(4):
+        a, b = next(whole), next(resumed)
+        assert torch.equal(a.wanted, b.wanted) and torch.equal(a.spans, b.spans)
+        assert torch.equal(a.sentences.numbers, b.sentences.numbers)
+
+
+def write_treebank(folder: Path) -> Path:
+    """A corpus in the treebank's form with sentences of our own, in two groups."""
+    folder.mkdir()
+    layouts = []
+    for group in (1, 2):  # group 2 is kept for tests
+        for layout in range(1, 6):
+            extra = f"{layout}\t1\t0\tB\t1\n" if layout > 1 else "0\t0\t5\tG\t1\n"
+            state = "0\t0\t5\tC" if layout == 1 else "6\t5\t4\tO"
+            layouts.append(f"{group}\t{layout}\n{state}\n3\t3\t0\tR\t1\n{extra}")
+    commands = list(enumerate(SAID.items(), 1)) + list(enumerate(SAID.items(), 11))
+    (folder / "configuration.txt").write_text("\n".join(layouts))
+    (folder / "commands.txt").write_text(
+        "".join(f"{n}\t{2 if n < 10 else 10}\t{sentence}\n" for n, (sentence, _) in commands)
+    )
+    (folder / "annotation.txt").write_text(
+        "".join(f"{n}\trcl\t{tree}\n" for n, (_, tree) in commands)
+    )
+    return folder
+
+
+def test_train_then_evaluate_from_a_folder(tmp_path):
+    data = write_treebank(tmp_path / "data")
+    config = TranslatorConfig(
+        out=tmp_path / "checkpoint",
+        work=tmp_path / "work",
+        data=data,
+        batch=4,
+        loop=LoopConfig(steps=2, log_every=1),
+    )
+    metrics = train(config)
+    assert metrics["sentences"] == metrics["checked"] == 4
+    document = json.loads((tmp_path / "checkpoint" / "config.json").read_text())
+    assert document["kind"] == "translator"
+    assert str(tmp_path) not in json.dumps(document)
+    for split, n in (("all", 8), ("test", 4)):
+        measured = evaluate(
+            TranslationEvaluation(
+                data=data, split=split, checkpoint=tmp_path / "checkpoint", beam=2, failures=3
+            )
+        )
+        assert measured["n"] == n
+        assert len(measured["failures"]) == 3
+        for name in (
+            "exact",
+            "exact_with_planner",
+            "exact_ignoring_ids",
+            "exact_with_alignments",
+            "exact_without_state",
+            "layout_reached",
+            "word_accuracy",
+        ):
+            assert 0 <= measured[name] <= 1, name
+        assert measured["exact_with_alignments"] <= measured["exact"]
+        assert measured["exact"] <= measured["exact_ignoring_ids"]
+        assert measured["cross_entropy"] > 0 and measured["sentences_per_second"] > 0
+
+
+def test_a_corpus_without_the_wanted_commands_is_refused(tmp_path):
+    data = write_treebank(tmp_path / "data")
+    with pytest.raises(DataError, match="no commands"):
+        train(TranslatorConfig(data=data, learn=("val",)))
+    with pytest.raises(InputError, match="no commands"):
+        evaluate(TranslationEvaluation(data=data, split="val"))
+    with pytest.raises(UnknownNameError, match="available: train"):
+        commands_of(load_corpus("treebank", data), ["tset"])  # type: ignore[list-item]
+
+
+def test_hard_commands_have_a_tree_of_their_own(treebank):
+    hard, easy = (commands_of(treebank, [name]) for name in ("hard", "easy"))
+    assert len(hard) + len(easy) == 2500
+    assert {c.id for c in hard}.isdisjoint(c.id for c in easy)
+    assert 400 < len(hard) < 600
+
+
+def test_a_checkpoint_reads_as_it_was_written(learnt, tmp_path):
+    network, vocabulary, _ = learnt
+    translator = Translator(network, vocabulary)
+    translator.save(tmp_path / "t", metadata={"exact": 1.0})
+    again = Translator.from_folder(tmp_path / "t")
+    for sentence in SAID:
+        one, two = translator.translate(sentence), again.translate(sentence)
+        assert [r.tree for r in one] == [r.tree for r in two]
+        assert one[0].probability == pytest.approx(two[0].probability, rel=1e-5)
+
+
+def test_a_damaged_checkpoint_is_refused(learnt, tmp_path):
+    network, vocabulary, _ = learnt
+    folder = tmp_path / "t"
+    with pytest.raises(CheckpointError, match="No checkpoint"):
+        Translator.from_folder(folder)
+    Translator(network, vocabulary).save(folder, metadata={})
+    file = folder / "config.json"
+    document = json.loads(file.read_text())
+    for key, value, reason in (
+        ("vocabulary", None, "no vocabulary"),
+        ("vocabulary", ["a", "a"], "once"),
+        ("vocabulary", ["a"], "another release"),
+        ("symbols", ["a"], "another release"),
+        ("network", {"colour": 3}, "does not fit"),
+        ("network", {"words": -3}, "whole numbers"),
+        ("network", "x", "does not fit"),
+    ):
+        changed = document | {"config": document["config"] | {key: value}}
+        file.write_text(json.dumps(changed))
+        with pytest.raises(CheckpointError, match=reason):
+            Translator.from_folder(folder)
+    file.write_text(json.dumps(document))
+    weights = folder / "model.safetensors"
+    weights.write_bytes(weights.read_bytes()[:-50])
+    with pytest.raises(CheckpointError, match="damaged"):
+        Translator.from_folder(folder)
+
+
+# --- the shipped translator ------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("command", COMMANDS, ids=lambda c: c.sentence)
+def test_the_shipped_translator_reads_sentences_with_their_alignments(shipped, command):
+    holding = command.scene.before.held is not None
+    best = shipped.translate(command.sentence, holding=holding)[0]
+    assert format(best.tree) == format(command.tree)
+    assert best.probability > 0.3
+    assert best.attention.shape == (len(best.symbols), len(best.words))
+
+
+def test_readings_come_best_first_and_are_whole_trees(shipped):
+    readings = shipped.translate("place the grey block on the red tower", beam=10, count=5)
+    assert len(readings) == 5
+    totals = [r.log_probability for r in readings]
+    assert totals == sorted(totals, reverse=True)
+    assert sum(r.probability for r in readings) <= 1
+    for r in readings:
+        assert parse(format(r.tree)) == r.tree
+        assert r.probability == pytest.approx(math.exp(r.log_probability))
+    assert len({format(r.tree, tokens=False) for r in readings}) == 5
+
+
+def test_put_means_move_or_drop_by_the_gripper_s_state(shipped):
+    sentence = "put the red cube on the blue cube"
+    actions = {
+        held: shipped.translate(sentence, holding=held)[0].tree.action.value
+        for held in (True, False)
+    }
+    assert actions == {True: "drop", False: "move"}
+    both = {r.tree.action.value for r in shipped.translate(sentence)[:2]}
+    assert both == {"drop", "move"}
+
+
+def test_case_and_punctuation_do_not_matter(shipped):
+    plain = shipped.translate("put the red cube on the blue-green tower")[0]
+    loud = shipped.translate("PUT THE RED CUBE, ON THE BLUE - GREEN TOWER !!!")[0]
+    assert plain.tree == loud.tree
+    assert plain.probability == pytest.approx(loud.probability)
+
+
+def test_slips_of_the_pen_are_read_through(shipped):
+    read = shipped.translate("plaec the rde cube on teh bluu block", holding=False)[0]
+    assert (
+        read.tree
+        == shipped.translate("place the red cube on the blue block", holding=False)[0].tree
+    )
+
+
+@pytest.mark.parametrize(
+    "sentence, reason",
+    [
+        ("", "empty"),
+        ("pick up the xyzzy", "'xyzzy'"),
+        ("put the red pyramid on the chair", "'chair'"),
+        ("Lege den roten Würfel auf den blauen Würfel", "'würfel'"),
+        ("mets le cube rouge sur le bloc bleu", "'rouge'"),
+        ("将红色方块放在蓝色方块上", "I do not know"),
+        ("don't move the red cube", "don't"),
+        ("what is the red cube", "'what'"),
+        ("hello robot how are you", "'how'"),
+        ("the red cube", "does not read as a command"),
+        ("the the the the", "does not read as a command"),
+        ("asdf jkl qwer", "'asdf', 'jkl', 'qwer'"),
+        ("go " * 300, "300 words"),
+        ("pick up the parallelipipedoid", "did you mean 'parallelipiped'"),
+        ("🟥 → 🟦", "no word"),
+    ],
+)
+def test_what_is_no_command_is_refused_in_one_line(shipped, sentence, reason):
+    with pytest.raises(NotUnderstoodError, match=reason) as raised:
+        shipped.translate(sentence)
+    assert "\n" not in str(raised.value) and str(raised.value).isprintable()
+
+
+WORDS = st.sampled_from(
+    "put the red cube on it and tower blue left of in corner two squares take xyzzy 3 - .".split()
+)
+ANYTHING = st.one_of(
+    st.text(max_size=60),
+    st.binary(max_size=40).map(lambda b: b.decode("utf-8", "surrogateescape")),
+    st.lists(WORDS, max_size=14).map(" ".join),
+)
+
+
+@settings(max_examples=150, deadline=None)
+@given(ANYTHING, st.sampled_from([None, True, False]))
+def test_no_sentence_ends_in_a_traceback(shipped, sentence, holding):
+    began = time.perf_counter()
+    try:
+        readings = shipped.translate(sentence, holding=holding, beam=4, count=2)
+    except NotUnderstoodError as error:
+        assert "\n" not in str(error)
+    else:
+        for reading in readings:
+            assert parse(format(reading.tree)) == reading.tree
+            last = len(words_of(sentence).positions)
+            assert reading.attention.shape[1] == last
+    assert time.perf_counter() - began < 5
+
+
+def test_a_long_sentence_is_read_in_time(shipped):
+    began = time.perf_counter()
+    with pytest.raises(NotUnderstoodError):
+        shipped.translate("and " * 200)
+    assert time.perf_counter() - began < 10
+
+
+def test_features_have_one_vector_a_word(shipped):
+    features = shipped.features("put the red cube, down", holding=True)
+    assert features.shape == (1 + 5, 2 * shipped.network.config.encoder_size)
+    assert torch.isfinite(features).all()
+
+
+def test_bad_widths_are_refused(shipped):
+    for beam, count in ((0, 1), (1, 0), (1000, 1)):
+        with pytest.raises(InputError, match="beam"):
+            shipped.translate("drop it", beam=beam, count=count)
+
+
+# --- grounding -------------------------------------------------------------------------------
+
+
+def reading(tree: str, probability: float) -> Reading:
+    return Reading(parse(tree), probability, math.log(probability), (), (), np.zeros((0, 0)))
+
+
+def take(color: str) -> str:
+    return f"(event: (action: take) (entity: (color: {color}) (type: cube)))"
+
+
+def test_the_first_reading_that_can_be_executed_is_taken():
+    readings = (reading(take("green"), 0.6), reading(take("red"), 0.3))
+    found = grounded(readings, FREE)
+    assert (found.place, found.softened) == (1, False)
+    assert found.move.source == Cell(0, 0, 0)
+    assert "less probable" in found.remark
+    assert grounded(readings[1:], FREE).remark == ""
+
+
+def test_colours_soften_only_when_nothing_else_helps():
+    cyan = dataclasses.replace(FREE, blocks=(Block(Color.CYAN, Shape.CUBE, Cell(0, 0, 0)),))
+    found = grounded((reading(take("green"), 0.6), reading(take("blue"), 0.3)), cyan)
+    assert found.softened and found.place == 1
+    assert "cyan" in found.remark
+    with pytest.raises(PlanningError, match="green"):
+        grounded((reading(take("green"), 0.6), reading(take("red"), 0.3)), cyan)
+
+
+def test_readings_far_less_probable_than_the_best_do_not_count():
+    with pytest.raises(PlanningError, match="green"):
+        grounded((reading(take("green"), 0.6), reading(take("red"), 1e-6)), FREE)
+    with pytest.raises(PlanningError):
+        grounded((), FREE)
