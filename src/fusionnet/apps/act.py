@@ -1,6 +1,7 @@
 """From a picture and a sentence to an episode: the straight line of `fusionnet run`."""
 
 import time
+from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager
 
@@ -10,12 +11,15 @@ from jaxtyping import UInt8
 from fusionnet.apps.run import RunConfig
 from fusionnet.apps.run_record import Reference, RunRecord
 from fusionnet.apps.setting import Setting
-from fusionnet.blocks import Layout, apply, plan, validate
-from fusionnet.corpora import Command
-from fusionnet.errors import InputError, PlanningError
+from fusionnet.blocks import Layout, Shape, apply, plan, validate
+from fusionnet.errors import FusionNetError, InputError, NotUnderstoodError, PlanningError
 from fusionnet.policy import Answer, Policy
 from fusionnet.sentences import words_of
 from fusionnet.simulation import make_world
+
+
+class NothingDoneError(FusionNetError):
+    """The policy refused what the corpus knows to be possible."""
 
 
 def look_and_act(
@@ -24,6 +28,7 @@ def look_and_act(
     picture: UInt8[np.ndarray, "h w 3"] | None,
     policy: Policy,
     seconds: dict[str, float],
+    film: bool = True,
 ) -> RunRecord:
     """Show the picture and the sentence to the policy, and let the arm do what it answers.
 
@@ -33,33 +38,40 @@ def look_and_act(
         picture: A picture from a file, which stands for the simulated eye's view.
         policy: Who answers.
         seconds: Wall time by stage; this adds to it.
+        film: Whether the episode is recorded, so that it can be filmed.
 
     Raises:
+        NothingDoneError: If the policy refuses what the corpus knows to be possible.
         FusionNetError: If the sentence cannot be understood or done there.
     """
-    robot = policy.robot.name
-    expected, reference = None, None
+    robot, seed = policy.robot.name, config.seed or 0
+    expected: Layout | None = None
+    reference: Reference | None = None
     if picture is None:
         with timed(seconds, "world"):
-            world = make_world(robot=robot, seed=config.seed, layout=setting.layout)
+            world = make_world(robot=robot, seed=seed, layout=setting.layout)
             view = world.image("left_eye")
+        recorded = _recorded(config.sentence, setting)
         with timed(seconds, "answer"):
-            answer = policy(view, config.sentence)
-        expected, reference = _expected(config.sentence, world.layout, setting.recorded, answer)
+            answer = _answer(policy, view, config.sentence, recorded)
+        if recorded is not None:
+            expected, reference = recorded, "recorded"
+        else:
+            expected, reference = _planned(answer, world.layout), "understood"
     else:
         view = picture
         with timed(seconds, "answer"):
             answer = policy(view, config.sentence)
         with timed(seconds, "world"):
-            world = make_world(robot=robot, seed=config.seed, layout=_as_read(answer.layout))
+            world = make_world(robot=robot, seed=seed, layout=_as_read(answer.layout))
     with timed(seconds, "episode"):
-        episode = world.execute(answer, expected=expected, record=True)
+        episode = world.execute(answer, expected=expected, record=film)
     return RunRecord(
         sentence=config.sentence,
         policy=config.policy,
         robot=robot,
         origin=setting.origin,
-        seed=config.seed,
+        seed=seed,
         picture=view,
         answer=answer,
         episode=episode,
@@ -84,29 +96,51 @@ def _as_read(layout: Layout) -> Layout:
     return layout
 
 
-def _expected(
-    sentence: str, layout: Layout, recorded: tuple[Command, ...], answer: Answer
-) -> tuple[Layout, Reference]:
-    """The layout that the command asks for: recorded by the corpus, or planned.
+def _recorded(sentence: str, setting: Setting) -> Layout | None:
+    """The layout that the corpus recorded, if it has the sentence for this scene."""
+    said = words_of(sentence).texts
+    for command in setting.recorded:
+        if words_of(command.sentence).texts == said:
+            return command.scene.after
+    return None
 
-    A sentence that the corpus has for this scene has a recorded outcome. Any other is
-    executed by the planner in the true layout, as the policy read it.
+
+def _answer(
+    policy: Policy, view: UInt8[np.ndarray, "h w 3"], sentence: str, recorded: Layout | None
+) -> Answer:
+    """The policy's answer.
+
+    Raises:
+        NothingDoneError: If the policy refuses a sentence of which the corpus knows that
+            it can be done there: the networks' mistake, not the user's.
+        NotUnderstoodError, PlanningError: If it refuses any other sentence.
+    """
+    try:
+        return policy(view, sentence)
+    except (NotUnderstoodError, PlanningError) as refusal:
+        if recorded is None:
+            raise
+        raise NothingDoneError(f"Missed: the arm did not move. {refusal}") from refusal
+
+
+def _planned(answer: Answer, layout: Layout) -> Layout:
+    """The layout that the planner reaches by executing the command, as it was read.
 
     Raises:
         PlanningError: If no reading of the sentence can be executed there: it names no
             block that is there, or several.
     """
-    said = words_of(sentence).texts
-    for command in recorded:
-        if words_of(command.sentence).texts == said:
-            return command.scene.after, "recorded"
     refusals = []
     for tree in (answer.tree, *(reading.tree for reading in answer.readings)):
         try:
-            return apply(plan(tree, layout), layout), "understood"
+            return apply(plan(tree, layout), layout)
         except PlanningError as refusal:
             refusals.append(refusal)
-    raise refusals[0]
+    counts = Counter(
+        f"{b.color} {'cube' if b.shape is Shape.CUBE else 'pyramid'}" for b in layout.blocks
+    )
+    there = ", ".join(f"{count} {name}s" if count > 1 else name for name, count in counts.items())
+    raise PlanningError(f"{refusals[0]} On the table: {there or 'nothing'}.")
 
 
 @contextmanager

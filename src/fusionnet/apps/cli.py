@@ -150,7 +150,7 @@ def _call(function: Callable[[Any], Any], name: str, arguments: list[str]) -> in
             args=arguments,
             prog=f"fusionnet {name}",
             description=inspect.getdoc(function),
-            config=(tyro.conf.FlagCreatePairsOff,),
+            config=(tyro.conf.FlagCreatePairsOff, tyro.conf.DisallowNone),
         )
     except SystemExit as exit_:  # tyro has said what was wrong, or printed the help
         return exit_.code if isinstance(exit_.code, int) else EXIT_BAD_INPUT

@@ -1,13 +1,15 @@
 """`fusionnet run "SENTENCE"`: look, read, move a block, and show why."""
 
 import json
+import sys
 import time
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import tyro
 
+from fusionnet.apps.cli import EXIT_MISSED
 from fusionnet.apps.output_folder import check_writable
 from fusionnet.apps.picture_file import read_picture
 from fusionnet.apps.setting import setting_of
@@ -20,38 +22,41 @@ Kind = Literal["fusion", "symbolic"]
 POLICIES: dict[str, Kind] = {"fusion": "fusion", "symbolic": "symbolic"}
 
 
+def _says(default: str) -> Any:
+    """What the help says of a default that is not simply a value."""
+    return tyro.conf.arg(help_behavior_hint=f"(default: {default})" if default else "")
+
+
 @dataclass(frozen=True, kw_only=True)
 class RunConfig:
     """What to say to the robot, about which scene, and what to write."""
 
-    sentence: Annotated[str, tyro.conf.Positional]
+    sentence: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="SENTENCE")]
     """The command in English, for example "put the red pyramid on the blue cube"."""
 
-    scene: int | None = None
-    """Number of a scene of the corpus; without one (and no layout), a random scene."""
+    scene: Annotated[int | None, _says("the examples' first")] = None
+    """Number of a scene of the corpus."""
 
     corpus: str = "examples"
     """Where the scene comes from: "examples" (in this package) or "treebank" (with --data)."""
 
-    data: Path | None = None
+    data: Annotated[Path | None, _says("")] = None
     """Folder of the corpus's files."""
 
-    layout: Path | None = None
+    layout: Annotated[Path | None, _says("")] = None
     """A file with a layout of your own, as JSON."""
 
-    image: Path | None = None
+    image: Annotated[Path | None, _says("")] = None
     """A picture to look at instead of the simulated eye's view."""
 
-    seed: int = 0
-    """Everything random derives from it: the scene, and the symbolic policy's samples."""
+    seed: Annotated[int | None, _says("")] = None
+    """Seed of a random scene, and of the symbolic policy's samples."""
 
     policy: str = "fusion"
-    """"fusion" (FusionNet's fourteen values go to the arm), "symbolic" (read, plan, look up
-    the angles), or the folder of a checkpoint."""
+    """What answers: "fusion", "symbolic", or the folder of a checkpoint."""
 
-    out: Path | None = None
-    """Folder for pictures, video, result.json and index.html [default: fusionnet-run; none
-    with --json]."""
+    out: Annotated[Path | None, _says("fusionnet-run, or none with --json")] = None
+    """Folder to write."""
 
     json: bool = False
     """Print one JSON object instead of the summary."""
@@ -77,13 +82,17 @@ def run(config: RunConfig) -> int:
     if out is not None:
         check_writable(out)
     begin = time.perf_counter()
-    from fusionnet.apps.act import look_and_act  # here, for it needs PyTorch and MuJoCo: seconds
+    from fusionnet.apps.act import NothingDoneError, look_and_act  # slow: PyTorch, MuJoCo
     from fusionnet.apps.run_folder import write_folder
     from fusionnet.policy import load_policy
 
-    policy = load_policy(checkpoint, kind, seed=config.seed)
+    policy = load_policy(checkpoint, kind, seed=config.seed or 0)
     seconds = {"load": time.perf_counter() - begin}
-    record = look_and_act(config, setting, picture, policy, seconds)
+    try:
+        record = look_and_act(config, setting, picture, policy, seconds, film=out is not None)
+    except NothingDoneError as error:
+        print(f"fusionnet: {error}", file=sys.stderr)
+        return EXIT_MISSED
     if out is not None:
         write_folder(record, out)
     if config.json:

@@ -30,7 +30,7 @@ def setting_of(
     data: Path | None,
     layout: Path | None,
     image: Path | None,
-    seed: int,
+    seed: int | None,
 ) -> Setting:
     """The world that the options name.
 
@@ -47,10 +47,12 @@ def setting_of(
         return Setting(f"picture {image.name}")
     if layout is not None:
         return Setting(f"layout {layout.name}", read_layout(layout))
-    if scene is None:
-        if data is not None:
-            raise InputError("--data names a corpus, but no scene of it; give --scene N too.")
+    if scene is None and seed is not None:
         return Setting(f"random, seed {seed}")
+    if scene is None:
+        if corpus != "examples":
+            raise InputError(f"Which scene of the corpus {corpus!r}? Give --scene N.")
+        scene = 1
     loaded = load_corpus(corpus, data)
     if scene not in loaded.scenes:
         known = sorted(loaded.scenes)
