@@ -1,6 +1,7 @@
 """Everything that may vary in a picture of one and the same layout."""
 
 from dataclasses import dataclass, field
+from functools import cache
 
 import cv2
 import numpy as np
@@ -152,17 +153,20 @@ class Appearance:
         return np.ascontiguousarray(image)
 
 
-_TILE = np.random.default_rng(731).standard_normal((1024 * 1024 * 3,), dtype=np.float32)
+@cache
+def _noise_tile() -> Float[np.ndarray, " n"]:
+    return np.random.default_rng(731).standard_normal(3 * 2**20, dtype=np.float32)
 
 
 def _with_noise(image: np.ndarray, deviation: float, seed: int) -> np.ndarray:
     """Add Gaussian noise, read from a random place of a fixed tile (drawing afresh costs 20 ms)."""
     rng = np.random.default_rng(seed)
     count = image.size
-    if count > _TILE.size:
+    tile = _noise_tile()
+    if count > tile.size:
         drawn = rng.standard_normal(count, dtype=np.float32)
     else:
-        start = int(rng.integers(_TILE.size - count + 1))
-        drawn = _TILE[start : start + count]
+        start = int(rng.integers(tile.size - count + 1))
+        drawn = tile[start : start + count]
     noise = (drawn * np.float32(deviation)).reshape(image.shape)
     return cv2.add(image, noise, dtype=cv2.CV_8U)
