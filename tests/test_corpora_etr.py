@@ -20,7 +20,8 @@ FILES = {
 <layouts>
   <layout id="1">
     <gripper position="6 5 4" open="true"/>
-    <shapes><cube color="red" position="0 0 0"/><a><prism color="blue" position="3 3 0"/></a></shapes>
+    <shapes><cube color="red" position="0 0 0"/><a><prism color="blue" position="3 3 0"/></a>
+    </shapes>
   </layout>
   <layout id="2"><gripper position="0 0 5" open="false"/>
     <cube color="red" position="0 0 5"/><prism color="blue" position="3 3 0"/></layout>

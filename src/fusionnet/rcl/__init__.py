@@ -1,7 +1,8 @@
 """Robot Command Language: typed trees, their text form, and what they say in plain English."""
 
 from fusionnet.rcl.english import describe, outline
-from fusionnet.rcl.text import LEAF_VALUES, format, parse
+from fusionnet.rcl.grammar import LEAF_VALUES
+from fusionnet.rcl.text import format, parse
 from fusionnet.rcl.tree import (
     Entity,
     Event,

@@ -15,13 +15,13 @@ References:
 """
 
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from typing import Any
 
 from fusionnet.catalogue import did_you_mean
 from fusionnet.errors import TreeError
-from fusionnet.rcl.tree import Entity, Event, Leaf, Measure, Sequence, SpatialRelation, Tree
-from fusionnet.rcl.values import Action, Color, Indicator, Relation, Type
+from fusionnet.rcl.grammar import BUILDERS, ENUMS, LEAF_VALUES, NUMBERS, Misfit, an
+from fusionnet.rcl.tree import Entity, Event, Leaf, Sequence, SpatialRelation, Tree
 
 LONGEST_TEXT = 20_000
 """Characters that a tree's text may have; the treebank's longest has under 700."""
@@ -32,23 +32,6 @@ DEEPEST = 40
 LARGEST_NUMBER = 999
 """Largest cardinal, id or word position."""
 
-LEAF_VALUES: dict[str, tuple[str, ...]] = {
-    "action": tuple(Action),
-    "type": tuple(Type),
-    "color": tuple(Color),
-    "indicator": tuple(Indicator),
-    "relation": tuple(Relation),
-}
-"""The values that a leaf of each name may hold; `cardinal`, `id`, `reference-id` hold numbers."""
-
-_NUMBERS = ("cardinal", "id", "reference-id")
-_ENUMS = {
-    "action": Action,
-    "type": Type,
-    "color": Color,
-    "indicator": Indicator,
-    "relation": Relation,
-}
 _SCAN = re.compile(
     r"\(\s*(?:"
     r"(?P<leaf>[\w-]+)\s*:\s*(?P<value>[\w-]+)\s*"
@@ -56,10 +39,6 @@ _SCAN = re.compile(
     r"|(?P<node>[\w-]+)\s*:"
     r")\s*|(?P<close>\))\s*"
 )
-
-
-class _Misfit(Exception):
-    """A node's children do not fit; `parse` adds the position."""
 
 
 def parse(text: str) -> Tree:
@@ -91,8 +70,8 @@ def parse(text: str) -> Tree:
                     _LEAVES[key] = leaf
             children.append((name, leaf))
         elif node is not None:
-            if node not in _BUILDERS:
-                known = [*_BUILDERS, *LEAF_VALUES, *_NUMBERS]
+            if node not in BUILDERS:
+                known = [*BUILDERS, *LEAF_VALUES, *NUMBERS]
                 said = "no value stands behind" if node in known else "there is no node called"
                 raise _malformed(position, f"{said} {node!r}{did_you_mean(node, known)}")
             if len(open_nodes) == DEEPEST:
@@ -105,9 +84,9 @@ def parse(text: str) -> Tree:
                 raise _malformed(position, "')' closes nothing")
             built, began, inner = open_nodes.pop()
             try:
-                result = _BUILDERS[built](inner)
-            except _Misfit as misfit:
-                raise _malformed(began, f"{_an(built)} {misfit}") from None
+                result = BUILDERS[built](inner)
+            except Misfit as misfit:
+                raise _malformed(began, f"{an(built)} {misfit}") from None
             if open_nodes:
                 children = open_nodes[-1][2]
                 children.append((built, result))
@@ -136,21 +115,17 @@ def _malformed(position: int, what: str) -> TreeError:
     return TreeError(f"Malformed tree at character {position + 1}: {what}.")
 
 
-def _an(name: str) -> str:
-    return f"{'an' if name[0] in 'aeiou' else 'a'} {name}"
-
-
 _LEAVES: dict[tuple[str, str, str | None, str | None], Leaf[Any]] = {}
 """Leaves already read: they are few, and immutable."""
 
 
 def _leaf(name: str, value: str, first: str | None, last: str | None, at: int) -> Leaf[Any]:
     """A leaf from its parts, as the text has them."""
-    if name in _NUMBERS:
+    if name in NUMBERS:
         content: Any = _number(value, name, at)
         if str(content) != value:
             raise _malformed(at, f"{value!r} is not written as a whole number is")
-    elif name in _ENUMS:
+    elif name in ENUMS:
         if value not in LEAF_VALUES[name]:
             known = list(LEAF_VALUES[name])
             raise _malformed(
@@ -158,11 +133,11 @@ def _leaf(name: str, value: str, first: str | None, last: str | None, at: int) -
                 f"no {name} is called {value!r}; known: {', '.join(known)}"
                 + did_you_mean(value, known).removesuffix("."),
             )
-        content = _ENUMS[name](value)
-    elif name in _BUILDERS:
-        raise _malformed(at, f"{_an(name)} holds further nodes, not the word {value!r}")
+        content = ENUMS[name](value)
+    elif name in BUILDERS:
+        raise _malformed(at, f"{an(name)} holds further nodes, not the word {value!r}")
     else:
-        known = [*LEAF_VALUES, *_NUMBERS]
+        known = [*LEAF_VALUES, *NUMBERS]
         raise _malformed(at, f"there is no leaf called {name!r}{did_you_mean(name, known)}")
     if first is None:
         return Leaf(content)
@@ -176,90 +151,11 @@ def _leaf(name: str, value: str, first: str | None, last: str | None, at: int) -
 def _number(digits: str, name: str, at: int) -> int:
     """A whole number from 1 to `LARGEST_NUMBER`."""
     if not (digits.isascii() and digits.isdigit() and len(digits) <= 6):
-        raise _malformed(at, f"{_an(name)} is a whole number, not {digits!r}")
+        raise _malformed(at, f"{an(name)} is a whole number, not {digits!r}")
     number = int(digits)
     if not 1 <= number <= LARGEST_NUMBER:
-        raise _malformed(at, f"{_an(name)} is 1 to {LARGEST_NUMBER}, not {number}")
+        raise _malformed(at, f"{an(name)} is 1 to {LARGEST_NUMBER}, not {number}")
     return number
-
-
-def _one(children: list[tuple[str, Any]], allowed: str, needed: str) -> dict[str, Any]:
-    """The children by name, each at most once, only `allowed` ones, all `needed` ones."""
-    found: dict[str, Any] = {}
-    for name, child in children:
-        if name not in allowed.split():
-            raise _Misfit(f"cannot hold {_an(name)}; it holds {allowed.replace(' ', ', ')}")
-        if name in found:
-            raise _Misfit(f"holds {name!r} twice")
-        found[name] = child
-    for name in needed.split():
-        if name not in found:
-            raise _Misfit(f"needs {_an(name)}")
-    return found
-
-
-def _entity(children: list[tuple[str, Any]]) -> Entity:
-    single: dict[str, Any] = {}
-    colors: list[Leaf[Color]] = []
-    indicators: list[Leaf[Indicator]] = []
-    relations: list[SpatialRelation] = []
-    several: dict[str, list[Any]] = {
-        "color": colors,
-        "indicator": indicators,
-        "spatial-relation": relations,
-    }
-    for name, child in children:
-        if name in several:
-            several[name].append(child)
-        elif name in single:
-            raise _Misfit(f"holds {name!r} twice")
-        elif name in _ENTITY_PARTS:
-            single[name] = child
-        else:
-            raise _Misfit(f"cannot hold {_an(name)}")
-    if "type" not in single:
-        raise _Misfit("needs a type")
-    return Entity(
-        single["type"],
-        tuple(colors),
-        tuple(indicators),
-        single.get("cardinal"),
-        tuple(relations),
-        single.get("id"),
-        single.get("reference-id"),
-    )
-
-
-_ENTITY_PARTS = ("type", "id", "reference-id", "cardinal")
-
-
-def _spatial_relation(children: list[tuple[str, Any]]) -> SpatialRelation:
-    parts = _one(children, "measure relation entity", "relation")
-    return SpatialRelation(parts["relation"], parts.get("entity"), parts.get("measure"))
-
-
-def _event(children: list[tuple[str, Any]]) -> Event:
-    parts = _one(children, "action entity destination", "action entity")
-    return Event(parts["action"], parts["entity"], parts.get("destination"))
-
-
-def _sequence(children: list[tuple[str, Any]]) -> Sequence:
-    if not children:
-        raise _Misfit("needs an event")
-    for name, _ in children:
-        if name != "event":
-            raise _Misfit(f"cannot hold {_an(name)}; it holds events")
-    return Sequence(tuple(child for _, child in children))
-
-
-_BUILDERS: dict[str, Callable[[list[tuple[str, Any]]], Any]] = {
-    "sequence": _sequence,
-    "event": _event,
-    "destination": lambda c: _one(c, "spatial-relation", "spatial-relation")["spatial-relation"],
-    "spatial-relation": _spatial_relation,
-    "measure": lambda c: Measure(_one(c, "entity", "entity")["entity"]),
-    "entity": _entity,
-}
 
 
 def _write_leaf(name: str, leaf: Leaf[Any], tokens: bool) -> str:
