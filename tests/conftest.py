@@ -4,6 +4,11 @@ import os
 from pathlib import Path
 
 import pytest
+from hypothesis import HealthCheck, settings
+
+# A busy machine is slow; that says nothing about what is tested.
+settings.register_profile("fusionnet", deadline=None, suppress_health_check=[HealthCheck.too_slow])
+settings.load_profile("fusionnet")
 
 REPOSITORY = Path(__file__).resolve().parent.parent
 

@@ -27,11 +27,14 @@ def leaves(values):
     return st.builds(Leaf, values, tokens)
 
 
+squares = leaves(st.just(Type.TILE))
+
+
 @st.composite
 def entities(draw, depth: int = 2):
     return Entity(
         type=draw(leaves(st.sampled_from(Type))),
-        colors=tuple(draw(st.lists(leaves(st.sampled_from(Color)), max_size=3))),
+        colors=tuple(draw(st.lists(leaves(st.sampled_from(Color)), max_size=2))),
         indicators=tuple(draw(st.lists(leaves(st.sampled_from(Indicator)), max_size=2))),
         cardinal=draw(st.none() | leaves(st.integers(1, 9))),
         relations=tuple(draw(st.lists(relations(depth - 1), max_size=1))) if depth else (),
@@ -42,12 +45,13 @@ def entities(draw, depth: int = 2):
 
 @st.composite
 def relations(draw, depth: int = 2):
-    measure = draw(st.none() | st.builds(Measure, entities(0)))
+    tiles = st.builds(lambda count, kind: Entity(kind, cardinal=count), leaves(numbers), squares)
+    measure = draw(st.none() | st.builds(Measure, tiles))
     landmark = draw(st.none() | entities(depth))
     return SpatialRelation(draw(leaves(st.sampled_from(Relation))), landmark, measure)
 
 
 event_trees = st.builds(Event, leaves(st.sampled_from(Action)), entities(), st.none() | relations())
-trees = event_trees | st.lists(event_trees, min_size=1, max_size=3).map(
+trees = event_trees | st.lists(event_trees, min_size=1, max_size=2).map(
     lambda events: Sequence(tuple(events))
 )
