@@ -63,7 +63,10 @@ def test_version(capsys) -> None:
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (["rnu", "x"], "no command called 'rnu'; available: run, doctor, evaluate, train, robot. "),
+        (
+            ["rnu", "x"],
+            "no command called 'rnu'; available: run, translate, doctor, evaluate, train, robot. ",
+        ),
         (["train"], "train what?; available: detector, translator, fusion."),
         (["train", "detectr"], "cannot train 'detectr'; available: detector, translator, fusion. "),
         (["evaluate", "--json"], "evaluate what?; available: policy, translator, detector."),

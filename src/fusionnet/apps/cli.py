@@ -35,6 +35,9 @@ class Entry(NamedTuple):
 
 COMMANDS = {
     "run": Entry("look, read, and move a block: the main job", "fusionnet.apps.run:run"),
+    "translate": Entry(
+        "a sentence to its tree, and what that would do", "fusionnet.apps.translate:translate"
+    ),
     "doctor": Entry("say what works on this machine", "fusionnet.apps.doctor:doctor"),
     "evaluate policy": Entry(
         "executed success and joint error of a policy", "fusionnet.apps.evaluate:policy"

@@ -9,6 +9,7 @@ import logging
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, field
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +19,7 @@ from jaxtyping import Float, Int
 from torch import Tensor
 from torch.nn.functional import cross_entropy
 
-from fusionnet.corpora import Command, load_corpus
+from fusionnet.corpora import Command, load_corpus, synthetic
 from fusionnet.errors import DataError
 from fusionnet.models.translator import Translator
 from fusionnet.models.translator_network import (
@@ -43,6 +44,9 @@ log = logging.getLogger(__name__)
 IGNORED = -100
 """Target of what has no right answer: the words of a marker."""
 
+SYNTHETIC_SEED = 1_000
+"""Seed of the synthetic commands to learn from; the corpus "synthetic" has seed 0."""
+
 LOSS_WEIGHTS = {"symbols": 1.0, "words": 0.3}
 
 
@@ -58,7 +62,9 @@ class TranslatorConfig:
         learn: Splits to learn from; the test groups are never among the default ones.
         check: Splits to measure on; their commands are not learnt from.
         batch: Sentences a step.
-        rare: Share of the sentences that are drawn towards rare symbols.
+        invented: How many synthetic commands to learn from beside the corpus's.
+        invented_share: Share of the sentences of an epoch that are synthetic ones.
+        rare: Share of the corpus's sentences that are drawn towards rare symbols.
         unknown_words: Share of words whose vector is hidden, so that spelling must do.
         smoothing: Share of probability that targets give away to all symbols.
         augmentation: How sentences are changed.
@@ -74,6 +80,8 @@ class TranslatorConfig:
     learn: tuple[Split, ...] = ("train", "val")
     check: tuple[Split, ...] = ("test",)
     batch: int = 64
+    invented: int = 4000
+    invented_share: float = 0.25
     rare: float = 0.5
     unknown_words: float = 0.1
     smoothing: float = 0.03
@@ -123,13 +131,14 @@ def train(config: TranslatorConfig, *, progress: Progress | None = None) -> dict
     sentences = aligned_all(learnt)
     if not sentences:
         raise DataError(f"The corpus {config.corpus!r} has no commands in {config.learn} to learn.")
-    vocabulary = vocabulary_of(sentences)
+    invented = aligned_all(islice(synthetic.commands(SYNTHETIC_SEED), config.invented))
+    vocabulary = vocabulary_of([*sentences, *invented])
     network = new_network(len(vocabulary), config.seed)
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(derived_seed(config.seed, "translator", "dropout"))
         history = fit(
             network,
-            lambda first: batches(sentences, vocabulary, config, first),
+            lambda first: batches(sentences, vocabulary, config, first, invented),
             lambda wrapped, batch: translator_losses(wrapped, batch, config.smoothing),
             config.loop,
             folder=config.work,
@@ -138,6 +147,7 @@ def train(config: TranslatorConfig, *, progress: Progress | None = None) -> dict
     translator = Translator(network, vocabulary)
     metrics = {
         "sentences": len(sentences),
+        "invented": len(invented),
         "checked": len(checked),
         "exact": exact(translator, checked) if checked else None,
         "loss": history[-1]["loss"] if history else None,
@@ -171,11 +181,13 @@ def batches(
     vocabulary: Vocabulary,
     config: TranslatorConfig,
     first: int,
+    invented: Sequence[AlignedSentence] = (),
 ) -> Iterator[TrainingBatch]:
     """Endless batches from step `first` on; the same for a resumed run.
 
     An epoch takes as many sentences as there are, changes them, sorts them by length
-    within pools of some batches, and gives the batches in random order.
+    within pools of some batches, and gives the batches in random order. The synthetic
+    ones take their share of the places.
     """
     augment = Augmenter(sentences, config.augmentation)
     weights = rarity(sentences)
@@ -185,14 +197,13 @@ def batches(
     while True:
         epoch, skipped = divmod(step, an_epoch)
         rng = generator(config.seed, "translator", "epoch", epoch)
-        rare = int(config.rare * an_epoch * size)
-        chosen = np.concatenate(
-            [
-                rng.permutation(len(sentences))[: an_epoch * size - rare],
-                rng.choice(len(sentences), rare, p=weights),
-            ]
-        )
-        changed = [augment(sentences[i], rng) for i in rng.permutation(chosen)]
+        ours = int(config.invented_share * an_epoch * size) if invented else 0
+        rare = int(config.rare * (an_epoch * size - ours))
+        common = an_epoch * size - ours - rare
+        chosen = [sentences[i] for i in rng.permutation(len(sentences))[:common]]
+        chosen += [sentences[i] for i in rng.choice(len(sentences), rare, p=weights)]
+        chosen += [invented[i] for i in rng.integers(max(len(invented), 1), size=ours)]
+        changed = [augment(chosen[i], rng) for i in rng.permutation(len(chosen))]
         rows = _bucketed(changed, size, rng)
         hidden = [rng.random((size, 1 + max(len(s.words) for s in row))) for row in rows]
         for row, chance in list(zip(rows, hidden, strict=True))[skipped:]:

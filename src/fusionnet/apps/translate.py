@@ -1,0 +1,240 @@
+"""`fusionnet translate "SENTENCE"`: a sentence to its tree, and what that would do.
+
+Without a sentence it translates standard input, one sentence a line.
+"""
+
+import json
+import sys
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from itertools import islice
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import tyro
+from rich.console import Console
+from rich.text import Text
+from rich.tree import Tree as Branch
+
+from fusionnet import rcl
+from fusionnet.apps.cli import EXIT_MISSED, EXIT_REACHED
+from fusionnet.apps.setting import setting_of
+from fusionnet.apps.tree_drawing import Part, draw_tree, parts_of
+from fusionnet.blocks import Layout
+from fusionnet.errors import InputError, NotUnderstoodError, OutputError, PlanningError
+from fusionnet.models.grounded_reading import GroundedReading, grounded
+from fusionnet.models.reading import Reading
+from fusionnet.models.translator import Translator
+from fusionnet.sentences import tokenize
+
+SHIPPED = Path(__file__).resolve().parent.parent / "weights" / "compact" / "translator"
+
+LINES_AT_ONCE = 64
+"""Lines of standard input that are translated together."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class TranslateConfig:
+    """What to translate, and how to show it."""
+
+    sentence: Annotated[
+        str | None,
+        tyro.conf.Positional,
+        tyro.conf.arg(metavar="[SENTENCE]", help_behavior_hint=""),
+    ] = None
+    """The command in English; without one, standard input is read, a sentence a line."""
+
+    scene: int | None = None
+    """Number of a scene of the corpus: say what the command would do in it."""
+
+    corpus: str = "examples"
+    """Where the scene comes from: "examples" (in this package) or "treebank" (with --data)."""
+
+    data: Path | None = None
+    """Folder of the corpus's files."""
+
+    layout: Path | None = None
+    """A file with a layout of your own, as JSON, instead of a scene."""
+
+    holding: Literal["yes", "no", "unknown"] = "unknown"
+    """Whether the gripper holds a block; a scene or layout says so itself."""
+
+    count: int = 3
+    """Readings to show."""
+
+    beam: int = 10
+    """Width of the search; 1 is greedy."""
+
+    picture: Path | None = None
+    """A file (.png or .svg) to draw the tree into."""
+
+    checkpoint: Path | None = None
+    """Folder of a translator; by default the shipped one."""
+
+    json: bool = False
+    """Print one JSON object (a line each for standard input)."""
+
+
+def translate(config: TranslateConfig) -> int:
+    """Translate a sentence to its tree, and say what it would do in a scene.
+
+    Without a sentence it translates standard input, one sentence a line: the trees'
+    text goes to standard output (an empty line where a sentence was not understood),
+    the reasons to standard error.
+    """
+    layout = _layout(config)
+    translator = Translator.from_folder(config.checkpoint or SHIPPED)
+    if config.sentence is None:
+        return _translate_lines(config, translator)
+    holding = {"yes": True, "no": False, "unknown": None}[config.holding]
+    if layout is not None:
+        holding = layout.held is not None
+    sentence = config.sentence
+    readings = translator.translate(
+        sentence, holding=holding, beam=config.beam, count=max(config.count, 5)
+    )
+    chosen, reason = _chosen(readings, layout)
+    best = readings[0] if chosen is None else chosen.reading
+    if config.picture is not None:
+        _draw(best, sentence, config.picture)
+    if config.json:
+        document = _as_json(sentence, readings[: config.count], best, chosen, reason)
+        print(json.dumps(document))
+    else:
+        _show(sentence, readings[: config.count], best, chosen, reason)
+    return EXIT_REACHED if reason is None else EXIT_MISSED
+
+
+def _layout(config: TranslateConfig) -> Layout | None:
+    if config.scene is None and config.layout is None:
+        return None
+    return setting_of(
+        scene=config.scene,
+        corpus=config.corpus,
+        data=config.data,
+        layout=config.layout,
+        image=None,
+        seed=None,
+    ).layout
+
+
+def _chosen(
+    readings: tuple[Reading, ...], layout: Layout | None
+) -> tuple[GroundedReading | None, str | None]:
+    """The reading that fits the layout, or why none does."""
+    if layout is None:
+        return None, None
+    try:
+        return grounded(readings, layout), None
+    except PlanningError as error:
+        return None, str(error)
+
+
+def _translate_lines(config: TranslateConfig, translator: Translator) -> int:
+    """Translate standard input; the status is 1 if a line was not understood."""
+    holding = {"yes": True, "no": False, "unknown": None}[config.holding]
+    status, number = EXIT_REACHED, 0
+    for lines in _chunks(line.rstrip("\r\n") for line in sys.stdin):
+        found = translator.translate_many(lines, holding=holding, beam=config.beam)
+        for line, readings in zip(lines, found, strict=True):
+            number += 1
+            if isinstance(readings, NotUnderstoodError):
+                status = EXIT_MISSED
+                print(f"line {number}: {readings}", file=sys.stderr)
+                print(json.dumps({"sentence": line, "error": str(readings)}) if config.json else "")
+            elif config.json:
+                print(json.dumps({"sentence": line, **_reading(readings[0])}))
+            else:
+                print(rcl.format(readings[0].tree))
+        sys.stdout.flush()
+    return status
+
+
+def _chunks(lines: Iterable[str]) -> Iterator[list[str]]:
+    lines = iter(lines)
+    while chunk := list(islice(lines, LINES_AT_ONCE)):
+        yield chunk
+
+
+def _draw(reading: Reading, sentence: str, file: Path) -> None:
+    if file.suffix not in (".png", ".svg"):
+        raise InputError(f"A picture is a .png or .svg file, not {file.name!r}.")
+    try:
+        draw_tree(reading.tree, [token.text for token in tokenize(sentence)], file)
+    except OSError as error:
+        raise OutputError(f"Cannot write {file}: {error}") from error
+
+
+def _reading(reading: Reading) -> dict[str, Any]:
+    return {
+        "rcl": rcl.format(reading.tree),
+        "english": rcl.describe(reading.tree),
+        "probability": reading.probability,
+    }
+
+
+def _as_json(
+    sentence: str,
+    readings: tuple[Reading, ...],
+    best: Reading,
+    chosen: GroundedReading | None,
+    reason: str | None,
+) -> dict[str, Any]:
+    document: dict[str, Any] = {
+        "sentence": sentence,
+        "tokens": [token.text for token in tokenize(sentence)],
+        **_reading(best),
+        "readings": [_reading(reading) for reading in readings],
+    }
+    if chosen is not None:
+        document["move"] = {
+            "source": list(chosen.move.source),
+            "target": list(chosen.move.target),
+            "begins_held": chosen.move.begins_held,
+            "ends_held": chosen.move.ends_held,
+        }
+        document["remark"] = chosen.remark
+    if reason is not None:
+        document["refused"] = reason
+    return document
+
+
+def _show(
+    sentence: str,
+    readings: tuple[Reading, ...],
+    best: Reading,
+    chosen: GroundedReading | None,
+    reason: str | None,
+) -> None:
+    console = Console(highlight=False)
+    console.print(Text(rcl.describe(best.tree), style="bold"), soft_wrap=True)
+    console.print()
+    words = [token.text for token in tokenize(sentence)]
+    console.print(_branch(parts_of(best.tree), words), soft_wrap=True)
+    console.print()
+    console.print(Text(rcl.format(best.tree), style="dim"), soft_wrap=True)
+    console.print()
+    for reading in readings:
+        mark = "*" if reading is best else " "
+        console.print(
+            Text(f"{mark} {reading.probability:6.1%}  {rcl.describe(reading.tree)}"), soft_wrap=True
+        )
+    if chosen is not None:
+        source, target = tuple(chosen.move.source), tuple(chosen.move.target)
+        console.print(Text(f"\nIt would move the block at {source} to {target}. {chosen.remark}"))
+    if reason is not None:
+        console.print(Text(f"\nIt cannot be done in this scene: {reason}", style="red"))
+
+
+def _branch(part: Part, words: list[str], branch: Branch | None = None) -> Branch:
+    """A tree as rich draws it, with the words that each leaf was read from."""
+    label = Text(part.name, style="cyan")
+    if part.value:
+        label = Text(f"{part.name} ", style="dim")
+        label.append(part.value, style="bold")
+        said = " ".join(words[t - 1] for t in part.tokens if t <= len(words))
+        label.append(f'  "{said}"' if said else "  (no word)", style="green" if said else "dim")
+    below = Branch(label) if branch is None else branch.add(label)
+    for child in part.parts:
+        _branch(child, words, below)
+    return below
