@@ -24,7 +24,7 @@ numbers = st.integers(1, 999)
 
 
 def leaves(values):
-    return st.builds(Leaf, values, tokens)
+    return st.tuples(values, tokens).map(lambda parts: Leaf(*parts))
 
 
 squares = leaves(st.just(Type.TILE))

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from fusionnet.blocks import (
@@ -214,6 +214,7 @@ def test_the_level_of_a_held_block_does_not_count():
     assert not low.same_blocks(layout("00 red"))
 
 
+@settings(max_examples=50)
 @given(trees, st.integers(0, 2**32 - 1))
 def test_every_tree_gives_a_move_or_a_sentence(tree, seed):
     before = random_layout(np.random.default_rng(seed), blocks=12)

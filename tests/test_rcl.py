@@ -3,7 +3,7 @@
 import re
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from fusionnet.errors import TreeError
@@ -38,6 +38,7 @@ def tokens_of(text: str) -> list[str]:
     return re.findall(r"token: [^)]*", text)
 
 
+@settings(max_examples=50)
 @given(trees)
 def test_parse_inverts_format(tree):
     text = format(tree)
@@ -48,6 +49,7 @@ def test_parse_inverts_format(tree):
     assert "token" not in format(tree, tokens=False)
 
 
+@settings(max_examples=50)
 @given(trees, st.data())
 def test_a_text_with_a_bracket_missing_is_refused_with_its_position(tree, data):
     text = format(tree)
@@ -193,6 +195,7 @@ def test_descriptions_of_relations(relation, said):
     assert describe(tree) == f"Pick up the pyramid {said}."
 
 
+@settings(max_examples=50)
 @given(trees)
 def test_everything_can_be_described_and_outlined(tree):
     assert describe(tree).endswith(".")
