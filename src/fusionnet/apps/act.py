@@ -64,6 +64,7 @@ def look_and_act(
             answer = policy(view, config.sentence)
         with timed(seconds, "world"):
             world = make_world(robot=robot, seed=seed, layout=_as_read(answer.layout))
+    before = world.layout
     with timed(seconds, "episode"):
         episode = world.execute(answer, expected=expected, record=film)
     return RunRecord(
@@ -75,7 +76,7 @@ def look_and_act(
         picture=view,
         answer=answer,
         episode=episode,
-        layout=world.layout,
+        layout=before,
         layout_is_read=picture is not None,
         expected=expected,
         reference=reference,
