@@ -81,10 +81,10 @@ class Hand:
         Returns:
             Whether the end was reached; False after a careful stop.
         """
-        lead = self.physics.lead
         pushing, share = 0.0, TIME_STEP / PUSH_SECONDS
-        for position, velocity in zip(motion.positions, motion.velocities, strict=True):
-            self._command(position + lead * velocity)
+        servos, controls = self.physics.arm_actuators, self.data.ctrl
+        for command in motion.positions + self.physics.lead * motion.velocities:
+            controls[servos] = command
             self._step()
             if careful:
                 pushing += share * (self.push() - pushing)
