@@ -1,9 +1,11 @@
 """Corpora: one kind of record, whatever the source; the planner proves the treebank's order."""
 
+from dataclasses import replace
+
 import pytest
 
 from fusionnet.blocks import Layout, Scene, apply, plan, validate
-from fusionnet.corpora import CATALOGUE, Command, Corpus, load_corpus, part_of
+from fusionnet.corpora import CATALOGUE, Command, Corpus, discard, load_corpus, part_of
 from fusionnet.errors import DataError, PlanningError, UnknownNameError
 from fusionnet.rcl import Leaf, format, parse
 
@@ -188,6 +190,25 @@ def test_bad_records_are_left_out_only_when_asked(small, caplog):
         "commands.txt, line 2",
         "commands.txt, line 3",
     ]
+
+
+def test_discarding_by_the_rules_of_the_thesis():
+    examples = load_corpus("examples")
+    assert discard(examples) == examples
+    first, second, *others = examples.commands
+    lift = parse(TREE)
+    bad = [
+        replace(first, sentence="put"),
+        replace(second, tree=lift),
+        replace(first, scene=replace(first.scene, after=others[0].scene.after)),
+    ]
+    corpus = discard(replace(examples, commands=(*bad, *others)))
+    assert corpus.commands == tuple(others)
+    assert corpus.left_out == {
+        "incomplete sentence": 1,
+        "tree cannot be executed in its scene": 1,
+        "tree leads to another layout": 1,
+    }
 
 
 def test_the_treebank_is_not_in_the_package():

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from fusionnet.catalogue import Catalogue
 from fusionnet.corpora._command import Command, Corpus, Part, part_of
+from fusionnet.corpora._discard import discard
 
 CATALOGUE = Catalogue("fusionnet.corpora", kind="corpus", attribute="CORPUS")
 
@@ -16,7 +17,7 @@ def load_corpus(name: str, data: Path | str | None = None, *, skip_bad: bool = F
     """Read the corpus called `name`.
 
     Args:
-        name: A name in the catalogue: "examples" or "treebank".
+        name: A name in the catalogue: "examples", "synthetic", "treebank" or "etr".
         data: Folder of its files, for a corpus that is not part of this package.
         skip_bad: Leave unreadable records out instead of refusing the whole.
 
@@ -29,4 +30,4 @@ def load_corpus(name: str, data: Path | str | None = None, *, skip_bad: bool = F
     return corpus
 
 
-__all__ = ["CATALOGUE", "Command", "Corpus", "Part", "load_corpus", "part_of"]
+__all__ = ["CATALOGUE", "Command", "Corpus", "Part", "discard", "load_corpus", "part_of"]
