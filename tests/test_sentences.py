@@ -21,6 +21,7 @@ from fusionnet.sentences import (
     readable_words,
     shortened,
     tokenize,
+    unjoined,
     variants,
     words_of,
 )
@@ -116,6 +117,14 @@ def test_edits_are_a_symmetric_distance(word, other):
     assert edits(word, other) == edits(other, word)
     assert (edits(word, other) == 0) == (word == other)
     assert abs(len(word) - len(other)) <= edits(word, other) <= max(len(word), len(other))
+
+
+def test_words_written_as_one_are_taken_apart():
+    vocabulary = Vocabulary(["the", "blue", "cube", "one", "step", "on", "to", "onto"])
+    words = unjoined(words_of("onthe bluecube onto 1step xyzzy"), vocabulary)
+    assert words.texts == ("on", "the", "blue", "cube", "onto", "one", "step", "xyzzy")
+    assert words.positions == (1, 1, 2, 2, 3, 4, 4, 5)
+    assert vocabulary.halves("blue") is None and vocabulary.halves("x" * 100) is None
 
 
 def test_edits_count_an_exchange_as_one():

@@ -55,6 +55,7 @@ from fusionnet.training.sentence_augmentation import (
     mirrored,
     misspelt,
     recolored,
+    relocated,
     renumbered,
     with_pronoun,
 )
@@ -257,19 +258,32 @@ def test_a_held_block_may_be_called_it():
     assert with_pronoun(SENTENCES[0]) is SENTENCES[0]
 
 
+def test_relocating_a_word_takes_its_meaning_along():
+    sentence = SENTENCES[3]  # drop the pink block on the single cube in the corner
+    moved = relocated(sentence, 2, 3)
+    assert moved.words[:4] == ("drop", "the", "block", "pink")
+    assert spoken(moved) == spoken(sentence)
+    torn = relocated(SENTENCES[0], 1, 3)  # "pick the red up cube": of "pick up" one word stays
+    assert spoken(torn)["action:take"] == "pick"
+    for place in range(len(sentence.words)):
+        for goal in range(len(sentence.words)):
+            check_whole(relocated(sentence, place, goal))
+            assert relocated(relocated(sentence, place, goal), goal, place).words == sentence.words
+
+
 @given(st.text("abcdefgh", min_size=1, max_size=9), st.integers(0, 1000))
 def test_a_slip_of_the_pen_is_one_edit(word, seed):
     assert edits(misspelt(word, np.random.default_rng(seed)), word) <= 1
 
 
 def test_augmented_sentences_are_whole(treebank):
-    sentences = [a for c in treebank.commands[:200] if (a := aligned(c)) is not None]
+    sentences = [a for c in treebank.commands[:30] if (a := aligned(c)) is not None]
     augment = Augmenter(sentences, AugmentationConfig())
     rng = np.random.default_rng(0)
     changed = [augment(sentence, rng) for sentence in sentences for _ in range(3)]
     for sentence in changed:
         check_whole(sentence)
-    assert len(set(changed)) > 450
+    assert len(set(changed)) > 60
     colors = Counter(n for s in changed for n in s.symbols if n.startswith("color:"))
     assert len(colors) == 8
 
@@ -381,6 +395,7 @@ def test_train_then_evaluate_from_a_folder(tmp_path):
         work=tmp_path / "work",
         data=data,
         batch=4,
+        invented=4,
         loop=LoopConfig(steps=2, log_every=1),
     )
     metrics = train(config)
@@ -418,7 +433,7 @@ def test_a_corpus_without_the_wanted_commands_is_refused(tmp_path):
     with pytest.raises(InputError, match="no commands"):
         evaluate(TranslationEvaluation(data=data, split="val"))
     with pytest.raises(UnknownNameError, match="available: train"):
-        commands_of(load_corpus("treebank", data), ["tset"])  # type: ignore[list-item]
+        commands_of(load_corpus("treebank", data), ["tset"])
 
 
 def test_hard_commands_have_a_tree_of_their_own(treebank):
@@ -509,6 +524,14 @@ def test_case_and_punctuation_do_not_matter(shipped):
     assert plain.probability == pytest.approx(loud.probability)
 
 
+def test_words_written_as_one_share_their_position(shipped):
+    best = shipped.translate("pick up thered cube")[0]
+    assert format(best.tree) == (
+        "(event: (action: take (token: 1 2)) (entity: (color: red (token: 3)) "
+        "(type: cube (token: 4))))"
+    )
+
+
 def test_slips_of_the_pen_are_read_through(shipped):
     read = shipped.translate("plaec the rde cube on teh bluu block", holding=False)[0]
     assert (
@@ -553,7 +576,7 @@ ANYTHING = st.one_of(
 )
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=100, deadline=None)
 @given(ANYTHING, st.sampled_from([None, True, False]))
 def test_no_sentence_ends_in_a_traceback(shipped, sentence, holding):
     began = time.perf_counter()

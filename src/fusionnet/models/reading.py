@@ -109,7 +109,7 @@ def recognisable(word: str, vocabulary: Vocabulary) -> bool:
     near = vocabulary.nearest(word)
     if near is not None and len(word) > 2 and edits(word, near) <= (1 if len(word) < 8 else 2):
         return True
-    return any(word[:i] in vocabulary and word[i:] in vocabulary for i in range(1, len(word)))
+    return vocabulary.halves(word) is not None
 
 
 def _asks(word: str) -> bool:

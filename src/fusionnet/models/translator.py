@@ -40,7 +40,7 @@ from fusionnet.models.tree_symbols import (
     tree_of,
 )
 from fusionnet.rcl import Tree
-from fusionnet.sentences import Vocabulary, Words, readable_words
+from fusionnet.sentences import Vocabulary, Words, readable_words, unjoined
 
 KIND = "translator"
 
@@ -54,11 +54,11 @@ class Translator:
     """
 
     def __init__(self, network: TranslatorNetwork, vocabulary: Vocabulary) -> None:
-        if network.config.words != len(vocabulary) or network.config.symbols != len(SYMBOLS):
+        sizes = (network.config.words, network.config.symbols)
+        if sizes != (len(vocabulary), len(SYMBOLS)):
             raise CheckpointError(
-                f"The translator's network knows {network.config.words} words and "
-                f"{network.config.symbols} symbols, its vocabulary {len(vocabulary)} and "
-                f"{len(SYMBOLS)}; it belongs to another release."
+                f"The translator's network has {sizes[0]} words and {sizes[1]} symbols, its "
+                f"vocabulary {len(vocabulary)} and {len(SYMBOLS)}; it belongs to another release."
             )
         self.network = network.eval()
         self.vocabulary = vocabulary
@@ -76,6 +76,10 @@ class Translator:
         words = checkpoint.config.get("vocabulary")
         if not isinstance(words, list) or not all(isinstance(w, str) for w in words):
             raise CheckpointError(f"The checkpoint {folder} has no vocabulary.")
+        if checkpoint.config.get("symbols") != list(SYMBOLS):
+            raise CheckpointError(
+                f"The checkpoint {folder} writes other tree symbols; it belongs to another release."
+            )
         try:
             vocabulary = Vocabulary(words)
         except ValueError as error:
@@ -168,6 +172,7 @@ class Translator:
 
         Nothing is refused here: strange words are read as well as they can be.
         """
+        sentences = [unjoined(words, self.vocabulary) for words in sentences]
         spare = min(beam, count + 2)  # should a run be no tree
         found = beam_search(self.network, self._batch(sentences, holding), beam=beam, count=spare)
         return [
@@ -184,7 +189,8 @@ class Translator:
         Raises:
             NotUnderstoodError: If the sentence is empty or too long.
         """
-        batch = self._batch([readable_words(sentence)], [holding])
+        words = unjoined(readable_words(sentence), self.vocabulary)
+        batch = self._batch([words], [holding])
         return self.network.encode(batch).features[0]
 
     @torch.inference_mode()

@@ -11,7 +11,7 @@ from fusionnet.sentences.tokens import (
     tokenize,
     words_of,
 )
-from fusionnet.sentences.vocabulary import PADDING, UNKNOWN, Vocabulary, edits, ngrams
+from fusionnet.sentences.vocabulary import PADDING, UNKNOWN, Vocabulary, edits, ngrams, unjoined
 
 __all__ = [
     "MOST_WORDS",
@@ -29,6 +29,7 @@ __all__ = [
     "readable_words",
     "shortened",
     "tokenize",
+    "unjoined",
     "variants",
     "words_of",
 ]

@@ -273,4 +273,5 @@ def _longest_run(places: Sequence[int]) -> tuple[int, ...]:
             runs[-1].append(place)
         else:
             runs.append([place])
-    return tuple(max(runs, key=lambda run: len(run))) if runs else ()
+    longest: list[int] = max(runs, key=len, default=[])
+    return tuple(longest)

@@ -10,6 +10,8 @@ from collections import Counter
 from collections.abc import Iterable
 from functools import lru_cache
 
+from fusionnet.sentences.tokens import Words, plain
+
 PADDING = 0
 UNKNOWN = 1
 _FIRST = 2
@@ -46,6 +48,20 @@ class Vocabulary:
         """The number of a word; `UNKNOWN` when it is not known."""
         return self._numbers.get(word, UNKNOWN)
 
+    def halves(self, word: str) -> tuple[str, str] | None:
+        """Two known words that were written as one; none if it is known itself or nothing fits.
+
+        Where several cuts fit, the most even one counts.
+        """
+        if word in self or len(word) > 2 * LONGEST_WORD:
+            return None
+        cuts = sorted(range(1, len(word)), key=lambda cut: abs(2 * cut - len(word)))
+        for cut in cuts:
+            pair = plain(word[:cut]), plain(word[cut:])
+            if pair[0] in self and pair[1] in self:
+                return pair
+        return None
+
     def nearest(self, word: str, likeness: float = 0.6) -> str | None:
         """The known word most like this one, if any is like it enough."""
         if len(word) > 2 * LONGEST_WORD:
@@ -53,6 +69,17 @@ class Vocabulary:
         spoken = [known for known in self.words if known[0] != "<"]  # not the gripper's states
         near = difflib.get_close_matches(word, spoken, n=5, cutoff=likeness)
         return min(near, key=lambda known: edits(word, known)) if near else None
+
+
+def unjoined(words: Words, vocabulary: Vocabulary) -> Words:
+    """The words with those written as one ("bluecube") taken apart; both keep its position."""
+    texts: list[str] = []
+    positions: list[int] = []
+    for text, position in zip(words.texts, words.positions, strict=True):
+        parts = vocabulary.halves(text) or (text,)
+        texts += parts
+        positions += [position] * len(parts)
+    return Words(tuple(texts), tuple(positions))
 
 
 def edits(word: str, other: str) -> int:

@@ -54,6 +54,7 @@ class AugmentationConfig:
         pronouns: That the block to drop is called "it", where the gripper holds one.
         slips: That a word is misspelt, each.
         joined: That two words are written as one, each sentence.
+        moved: That a word is moved by one or two places, each sentence.
         unsure: That the gripper's state is hidden.
     """
 
@@ -70,6 +71,7 @@ class AugmentationConfig:
     pronouns: float = 0.1
     slips: float = 0.03
     joined: float = 0.03
+    moved: float = 0.06
     unsure: float = 0.15
 
 
@@ -216,6 +218,11 @@ class Augmenter:
             for word, chance in zip(sentence.words, chances, strict=True)
         )
         sentence = sentence._replace(words=words)
+        if rng.random() < c.moved and len(words) > 2:
+            place = int(rng.integers(len(words)))
+            goal = place + int(rng.choice((-2, -1, 1, 2), p=(0.15, 0.35, 0.35, 0.15)))
+            sentence = relocated(sentence, place, min(max(goal, 0), len(words) - 1))
+        words = sentence.words
         if rng.random() < c.joined and len(words) > 2:
             place = int(rng.integers(len(words) - 1))
             sentence = sentence.with_words(place, place + 1, (words[place] + words[place + 1],))
@@ -288,6 +295,31 @@ def renumbered(sentence: AlignedSentence, index: int, number: int) -> AlignedSen
         word = singular_or_plural(sentence.words[span[1]], plural=number != 1)
         sentence = sentence.with_words(span[1], span[1], (word,))
     return sentence
+
+
+def relocated(sentence: AlignedSentence, place: int, goal: int) -> AlignedSentence:
+    """The sentence with one word moved to another place.
+
+    A leaf whose words are torn apart keeps the longest part that still stands together.
+    """
+    order = list(range(len(sentence.words)))
+    order.insert(goal, order.pop(place))
+    now = {old: new for new, old in enumerate(order)}
+
+    def moved(span: Span | None) -> Span | None:
+        if span is None:
+            return None
+        runs: list[list[int]] = []
+        for at in sorted(now[old] for old in range(span[0], span[1] + 1)):
+            if runs and runs[-1][-1] == at - 1:
+                runs[-1].append(at)
+            else:
+                runs.append([at])
+        longest: list[int] = max(runs, key=len)
+        return longest[0], longest[-1]
+
+    words = tuple(sentence.words[old] for old in order)
+    return sentence._replace(words=words, spans=tuple(moved(s) for s in sentence.spans))
 
 
 def misspelt(word: str, rng: np.random.Generator) -> str:

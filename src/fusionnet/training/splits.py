@@ -16,7 +16,7 @@ from fusionnet.models.tree_symbols import symbols_of
 Split = Literal["train", "val", "test", "hard", "easy", "all"]
 
 
-def commands_of(corpus: Corpus, splits: Sequence[Split]) -> list[Command]:
+def commands_of(corpus: Corpus, splits: Sequence[str]) -> list[Command]:
     """The commands of any of some splits, in the corpus's order.
 
     Raises:
