@@ -83,7 +83,7 @@ class Answer:
         target: Probability of each cell to be placed at.
         move: The move that the planner's vote elected.
         agreement: Share of the votes for that move.
-        confidence: Probability of the most likely grasp and place cells.
+        confidence: Of the policy that answers, in its grasp and place cells together.
         attention: Where each node of the tree looked, as (label, probabilities of cells).
         milliseconds: Time spent by stage.
     """
@@ -206,7 +206,7 @@ class Policy:
         with _stage(milliseconds, "vote"):
             elected = self._vote(sight, readings)
         with _stage(milliseconds, "fuse"):
-            fused = self.fusion.fusion(
+            fused = self.fusion(
                 sight.cells, sight.holding, [(r.tree, r.probability) for r in readings]
             )
         if elected.move is None:
@@ -224,12 +224,12 @@ class Policy:
             cells=sight.cells,
             holding=sight.holding,
             readings=readings,
-            tree=elected.tree if symbolic else readings[0].tree,
+            tree=elected.tree if symbolic else readings[int(np.argmax(fused.weights))].tree,
             source=source,
             target=target,
             move=elected.move,
             agreement=elected.share,
-            confidence=float(source.max() * target.max()),
+            confidence=elected.share if symbolic else fused.confidence,
             attention=tuple(fused.attention),
             milliseconds=milliseconds,
         )
