@@ -18,13 +18,24 @@ if TYPE_CHECKING:
     from fusionnet.policy import Answer, load_policy
     from fusionnet.simulation import make_world
 
-__all__ = ["Answer", "load_policy", "make_world"]
+__all__ = ["Answer", "load_policy", "make_world", "register_environments"]
 
 _HOMES = {
     "Answer": "fusionnet.policy",
     "load_policy": "fusionnet.policy",
     "make_world": "fusionnet.simulation",
 }
+
+
+def register_environments() -> None:
+    """Make our environments known to Gymnasium, which calls this when it is imported."""
+    import gymnasium
+
+    if "fusionnet/PickPlace-v0" not in gymnasium.registry:
+        gymnasium.register(
+            "fusionnet/PickPlace-v0",
+            entry_point="fusionnet.simulation.environment:PickPlace",
+        )
 
 
 def __getattr__(name: str) -> Any:

@@ -97,23 +97,30 @@ class World:
             self._hand.pinch,
         )
 
-    def image(self, camera: str = "left_eye") -> UInt8[np.ndarray, "h w 3"]:
+    @property
+    def joint_angles(self) -> Float[np.ndarray, " n"]:
+        """The arm's joints now, in radians."""
+        return self._hand.posture
+
+    def image(
+        self, camera: str = "left_eye", size: tuple[int, int] = (960, 540)
+    ) -> UInt8[np.ndarray, "h w 3"]:
         """What a camera sees now.
 
         Raises:
             RenderingError: If there is no working OpenGL.
             UnknownNameError: If there is no such camera.
         """
-        return self._view(camera, labels=False).image
+        return self._view(camera, size, labels=False).image
 
-    def view(self, camera: str = "left_eye") -> View:
+    def view(self, camera: str = "left_eye", size: tuple[int, int] = (960, 540)) -> View:
         """What a camera sees now, with the exact boxes of what is visible.
 
         Raises:
             RenderingError: If there is no working OpenGL.
             UnknownNameError: If there is no such camera.
         """
-        return self._view(camera, labels=True)
+        return self._view(camera, size, labels=True)
 
     def execute(self, answer: Any, expected: Layout | None = None, record: bool = False) -> Episode:
         """Let the arm do it: go to the grasp pose, close, go to the place pose, open (or not).
@@ -208,8 +215,8 @@ class World:
     def _poses(self) -> BlockPoses:
         return self._physics.block_poses(self._data.qpos)
 
-    def _view(self, camera: str, labels: bool) -> View:
-        renderer = shared_renderer(self.robot.name)
+    def _view(self, camera: str, size: tuple[int, int], labels: bool) -> View:
+        renderer = shared_renderer(self.robot.name, size)
         posture = self._data.qpos[: self._physics.robot_positions]
         return renderer.draw(posture, self.blocks, self._poses(), camera, self.appearance, labels)
 
