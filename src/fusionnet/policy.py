@@ -34,6 +34,9 @@ from fusionnet.simulation import joint_targets
 
 Kind = Literal["fusion", "symbolic"]
 
+LEAST_SCORE = 0.5
+"""Detections below this score are no evidence; measuring precision needs them, people do not."""
+
 SHIPPED = ("compact",)
 """Names of the policies inside this package."""
 
@@ -73,7 +76,7 @@ class Answer:
     Attributes:
         grasp: The arm where it takes the block; the gripper is closed if it holds one already.
         place: The arm where it lets go; the gripper stays closed if the block is to be held.
-        boxes: Blocks found in the picture.
+        boxes: Blocks found in the picture, with a score of at least `LEAST_SCORE`.
         layout: The most likely layout of the blocks.
         cells: Probabilities of 16 classes and of emptiness for every cell.
         holding: Probability that the gripper held a block in the picture.
@@ -298,6 +301,7 @@ def _detections(sight: Sight) -> tuple[Detection, ...]:
     return tuple(
         Detection(CLASS_NAMES[int(kind)], float(score), tuple(float(c) for c in box))  # type: ignore[arg-type]
         for box, kind, score in zip(boxes.xyxy, boxes.classes, boxes.scores, strict=True)
+        if score >= LEAST_SCORE
     )
 
 
