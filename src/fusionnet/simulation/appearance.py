@@ -1,6 +1,6 @@
 """Everything that may vary in a picture of one and the same layout."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cache
 
 import cv2
@@ -137,6 +137,15 @@ class Appearance:
             blur=rng.uniform(0.3, 1.1) if rng.random() < 0.6 else 0.0,
             noise=rng.uniform(0.0, 6.0),
             noise_seed=int(rng.integers(2**31)),
+        )
+
+    def lit_for_film(self) -> "Appearance":
+        """The same with a lamp beside the external camera, which looks against the light."""
+        return replace(
+            self,
+            fill_direction=np.array([-0.75, 0.35, -0.55]),
+            fill=2.0 * self.fill,
+            ambient=0.9 * self.ambient,
         )
 
     def develop(self, image: UInt8[np.ndarray, "h w 3"]) -> UInt8[np.ndarray, "h w 3"]:

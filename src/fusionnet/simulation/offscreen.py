@@ -71,6 +71,10 @@ class Offscreen:
         self._context = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_100.value)
         mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN.value, self._context)
 
+    def set_shadow_radius(self, radius: float) -> None:
+        """Throw shadows within this distance of where the light points, in metres."""
+        self._context.shadowClip = radius
+
     def picture(self) -> UInt8[np.ndarray, "h w 3"]:
         """The scene in colour."""
         return self._pixels()

@@ -18,6 +18,8 @@ from fusionnet.simulation.offscreen import Offscreen
 from fusionnet.simulation.posture import robot_posture
 from fusionnet.simulation.scenery import (
     HIDDEN_GROUP,
+    SHADOW_RADIUS,
+    WIDE_SHADOW_RADIUS,
     add_blocks,
     add_furniture,
     hide_unseen,
@@ -141,7 +143,11 @@ class SceneRenderer:
         mujoco.mj_camlight(self.model, self._data)
         robot_from_board = self.robot.robot_from_board
         pinhole = self.camera(camera, appearance)
-        hide_unseen(self.model, self._data, self._groups, pinhole, appearance, robot_from_board)
+        radius = WIDE_SHADOW_RADIUS if camera == EXTERNAL else SHADOW_RADIUS
+        self._offscreen.set_shadow_radius(radius)
+        hide_unseen(
+            self.model, self._data, self._groups, pinhole, appearance, robot_from_board, radius
+        )
         mujoco.mjv_updateScene(
             self.model,
             self._data,

@@ -25,6 +25,9 @@ SHADOW_PIXELS = 1024
 SHADOW_RADIUS = 0.27
 """Half edge of the square around the board in which shadows are thrown, in metres."""
 
+WIDE_SHADOW_RADIUS = 0.7
+"""The same for the camera that films the whole robot."""
+
 _BOX = mujoco.mjtGeom.mjGEOM_BOX
 _MESH = mujoco.mjtGeom.mjGEOM_MESH
 _MATRIX = np.eye(3).ravel()
@@ -62,6 +65,7 @@ def hide_unseen(
     camera: PinholeCamera,
     appearance: Appearance,
     robot_from_board: Float[np.ndarray, "4 4"],
+    shadow_radius: float,
 ) -> None:
     """Leave out the robot's parts that are neither in the picture nor throw a shadow into it.
 
@@ -74,6 +78,7 @@ def hide_unseen(
         camera: Who looks.
         appearance: Says where the light comes from.
         robot_from_board: Where the board is.
+        shadow_radius: How far from the board shadows are thrown, in metres.
     """
     radius = model.geom_rbound
     place = apply(camera.camera_from_robot, data.geom_xpos)
@@ -86,7 +91,7 @@ def hide_unseen(
         towards = towards / np.linalg.norm(towards)
         offset = data.geom_xpos - _board_center(robot_from_board)
         beside = offset - np.outer(offset @ towards, towards)
-        seen |= np.linalg.norm(beside, axis=1) < SHADOW_RADIUS * np.sqrt(2.0) + radius
+        seen |= np.linalg.norm(beside, axis=1) < shadow_radius * np.sqrt(2.0) + radius
     model.geom_group[:] = np.where(seen, groups, HIDDEN_GROUP)
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from fusionnet.errors import OutputError
 from fusionnet.simulation.episode import Recording
 from fusionnet.simulation.hand import FRAMES_PER_SECOND
-from fusionnet.simulation.renderer import shared_renderer
+from fusionnet.simulation.renderer import EXTERNAL, shared_renderer
 from fusionnet.simulation.tabletop import BlockPoses
 
 
@@ -67,12 +67,13 @@ def _frame(recording: Recording, index: int, camera: str) -> np.ndarray:
     poses = BlockPoses(
         recording.positions[index].astype(float), recording.rotations[index].astype(float)
     )
+    look = recording.appearance
     view = shared_renderer(recording.robot).draw(
         recording.postures[index].astype(float),
         recording.blocks,
         poses,
         camera,
-        recording.appearance,
+        look.lit_for_film() if camera == EXTERNAL else look,
         labels=False,
     )
     return np.ascontiguousarray(view.image)
