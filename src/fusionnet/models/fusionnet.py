@@ -59,7 +59,7 @@ class FusionAnswer:
             strongly each cell belongs to it.
     """
 
-    targets: Float[np.ndarray, " 2n+2"]
+    targets: Float[np.ndarray, " targets"]
     source: Float[np.ndarray, "512"]
     target: Float[np.ndarray, "512"]
     source_cell: int
