@@ -171,7 +171,7 @@ def judge(
         middle = cell_center(wanted.cell)
         alike = [i for i in free if blocks[i].class_index == wanted.class_index]
         if not alike:
-            wrong.append(f"the world has no {_kind(wanted)} for cell {_cell(wanted.cell)}")
+            wrong.append(f"the world has no {kind_of(wanted)} for cell {_cell(wanted.cell)}")
             continue
         offsets = centers[alike] - middle
         if expected.held == wanted and held in alike:
@@ -184,29 +184,30 @@ def judge(
         free.discard(block)
         errors[block] = 1000.0 * np.linalg.norm(offsets[best])
         if not upright[block]:
-            wrong.append(f"the {_kind(wanted)} in cell {_cell(wanted.cell)} lies on its side")
+            wrong.append(f"the {kind_of(wanted)} in cell {_cell(wanted.cell)} lies on its side")
         should_hold = expected.held == wanted
         if should_hold and held != block:
-            wrong.append(f"the {_kind(wanted)} is not in the hand")
+            wrong.append(f"the {kind_of(wanted)} is not in the hand")
         if not should_hold and held == block:
-            wrong.append(f"the {_kind(wanted)} is still in the hand")
+            wrong.append(f"the {kind_of(wanted)} is still in the hand")
     for block in sorted(free):
         wanted_cells = [
             w.cell for w in expected.blocks if w.class_index == blocks[block].class_index
         ]
         if not wanted_cells:
-            wrong.append(f"no {_kind(blocks[block])} was expected")
+            wrong.append(f"no {kind_of(blocks[block])} was expected")
             continue
         offsets = np.linalg.norm(centers[block] - [cell_center(c) for c in wanted_cells], axis=1)
         errors[block] = 1000.0 * float(offsets.min())
         where = "in the hand" if held == block else f"in cell {_cell(cell_at(centers[block]))}"
         wrong.append(
-            f"the {_kind(blocks[block])} is {where}, {errors[block]:.0f} mm from where one belongs"
+            f"the {kind_of(blocks[block])} is {where}, {errors[block]:.0f} mm from where one belongs"
         )
     return wrong, errors
 
 
-def _kind(block: Block) -> str:
+def kind_of(block: Block) -> str:
+    """For sentences: "red pyramid"."""
     return f"{block.color.value} {'pyramid' if block.shape.value == 'prism' else 'cube'}"
 
 

@@ -8,7 +8,7 @@ from jaxtyping import Float
 
 from fusionnet.blocks.grid import BLOCK_SIZE, Block
 from fusionnet.robots import Robot
-from fusionnet.simulation.episode import Phase
+from fusionnet.simulation.episode import Phase, kind_of
 from fusionnet.simulation.hand import Hand
 from fusionnet.simulation.motion import PathPlanner
 from fusionnet.simulation.physics import GATE, TIME_STEP
@@ -123,7 +123,7 @@ class Execution:
                 "the hand kept its block" if self.hand.held is not None else "the hand let go"
             )
         elif grasped is not None:
-            kind = f"{blocks[grasped].color.value} {blocks[grasped].shape.value}"
+            kind = kind_of(blocks[grasped])
             told.append(
                 f"the hand grasped the {kind} {1000 * (distance or 0):.1f} mm from the pinch"
             )
