@@ -61,11 +61,11 @@ class DetectorConfig:
     work: Path = Path("runs/detector")
     corpus: str | None = None
     data: Path | None = None
-    pictures: int = 20_000
+    pictures: int = 14_000
     batch: int = 16
     loop: LoopConfig = field(
         default_factory=lambda: LoopConfig(
-            steps=3000, learning_rate=2e-3, average=0.998, loss_weights=LOSS_WEIGHTS
+            steps=2600, learning_rate=2e-3, average=0.998, loss_weights=LOSS_WEIGHTS
         )
     )
     seed: int = 0
