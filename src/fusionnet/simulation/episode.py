@@ -200,9 +200,8 @@ def judge(
         offsets = np.linalg.norm(centers[block] - [cell_center(c) for c in wanted_cells], axis=1)
         errors[block] = 1000.0 * float(offsets.min())
         where = "in the hand" if held == block else f"in cell {_cell(cell_at(centers[block]))}"
-        wrong.append(
-            f"the {kind_of(blocks[block])} is {where}, {errors[block]:.0f} mm from where one belongs"
-        )
+        name, away = kind_of(blocks[block]), f"{errors[block]:.0f} mm"
+        wrong.append(f"the {name} is {where}, {away} from where one belongs")
     return wrong, errors
 
 
