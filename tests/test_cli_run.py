@@ -257,7 +257,7 @@ def test_every_bad_input_gets_one_clear_line_and_status_2(tmp_path, capsys, gold
         before = sorted(folder.rglob("*"))
         status = main(["run", *words])
         captured = capsys.readouterr()
-        assert status == 2, name
+        assert status == 2, f"{name}: {captured.err}"
         assert captured.out == "", name
         assert captured.err.startswith("fusionnet: "), name
         assert captured.err.count("\n") == 1 and "Traceback" not in captured.err, name

@@ -53,7 +53,7 @@ def look_and_act(
             view = world.image("left_eye")
         recorded = _recorded(config.sentence, setting)
         with timed(seconds, "answer"):
-            answer = _answer(policy, view, config.sentence, recorded)
+            answer = _answer(policy, view, config.sentence, recorded, world.layout)
         if recorded is not None:
             expected, reference = recorded, "recorded"
         else:
@@ -107,7 +107,11 @@ def _recorded(sentence: str, setting: Setting) -> Layout | None:
 
 
 def _answer(
-    policy: Policy, view: UInt8[np.ndarray, "h w 3"], sentence: str, recorded: Layout | None
+    policy: Policy,
+    view: UInt8[np.ndarray, "h w 3"],
+    sentence: str,
+    recorded: Layout | None,
+    layout: Layout,
 ) -> Answer:
     """The policy's answer.
 
@@ -119,9 +123,11 @@ def _answer(
     try:
         return policy(view, sentence)
     except (NotUnderstoodError, PlanningError) as refusal:
-        if recorded is None:
-            raise
-        raise NothingDoneError(f"Missed: the arm did not move. {refusal}") from refusal
+        if recorded is not None:
+            raise NothingDoneError(f"Missed: the arm did not move. {refusal}") from refusal
+        if isinstance(refusal, PlanningError):
+            raise PlanningError(f"{refusal} {_on_the_table(layout)}") from refusal
+        raise
 
 
 def _planned(answer: Answer, layout: Layout) -> Layout:
@@ -137,11 +143,15 @@ def _planned(answer: Answer, layout: Layout) -> Layout:
             return apply(plan(tree, layout), layout)
         except PlanningError as refusal:
             refusals.append(refusal)
-    counts = Counter(
-        f"{b.color} {'cube' if b.shape is Shape.CUBE else 'pyramid'}" for b in layout.blocks
-    )
-    there = ", ".join(f"{count} {name}s" if count > 1 else name for name, count in counts.items())
-    raise PlanningError(f"{refusals[0]} On the table: {there or 'nothing'}.")
+    raise PlanningError(f"{refusals[0]} {_on_the_table(layout)}")
+
+
+def _on_the_table(layout: Layout) -> str:
+    """For messages: what a sentence could have spoken of."""
+    names = (f"{b.color} {'cube' if b.shape is Shape.CUBE else 'pyramid'}" for b in layout.blocks)
+    counts = sorted(Counter(names).items())
+    blocks = [name if count == 1 else f"{count} {name}s" for name, count in counts]
+    return f"On the table: {', '.join(blocks) or 'nothing'}."
 
 
 @contextmanager

@@ -77,7 +77,7 @@ def _header(record: RunRecord) -> str:
         ("policy", record.policy),
         ("robot", record.robot),
         ("scene", record.origin),
-        ("answered in", f"{total:.0f} ms"),
+        ("answered in", _duration(total)),
     ]
     listed = "".join(f"<li>{escape(name)} <b>{escape(value)}</b></li>" for name, value in facts)
     return f"""<header>
@@ -264,13 +264,13 @@ def _reckoned(record: RunRecord) -> str:
     milliseconds = record.answer.milliseconds
     total = sum(milliseconds.values())
     rows = "".join(
-        f'<tr><td>{escape(stage.replace("_", " "))}</td><td class="number">{value:.0f} ms</td>'
+        f'<tr><td>{escape(stage.replace("_", " "))}</td><td class="number">{_duration(value)}</td>'
         f'<td class="wide">{_bar(value / total if total else 0)}</td></tr>'
         for stage, value in milliseconds.items()
     )
     return f"""<section class="half">
 <h2>How long, how sure</h2>
-<p>{total:.0f} ms to answer; confidence in the move {record.answer.confidence:.0%}.</p>
+<p>{_duration(total)} to answer; confidence in the move {record.answer.confidence:.0%}.</p>
 <table>{rows}</table>
 </section>
 """
@@ -288,6 +288,10 @@ def _provenance(document: dict[str, Any]) -> str:
 
 def _bar(share: float) -> str:
     return f'<div class="bar"><i style="width:{100 * min(max(share, 0), 1):.1f}%"></i></div>'
+
+
+def _duration(milliseconds: float) -> str:
+    return f"{milliseconds:.0f} ms" if milliseconds < 2000 else f"{milliseconds / 1000:.1f} s"
 
 
 def _percent(value: float, low: float, high: float) -> float:

@@ -41,6 +41,8 @@ def read_picture(path: Path) -> UInt8[np.ndarray, "h w 3"]:
         with picture:
             _check_size(path, *picture.size)
             upright = ImageOps.exif_transpose(picture).convert("RGB")
+    except InputError:
+        raise
     except UnidentifiedImageError:
         raise InputError(f"{path} is not a picture; expected {', '.join(FORMATS)}.") from None
     except Image.DecompressionBombError:

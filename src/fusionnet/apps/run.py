@@ -14,7 +14,7 @@ from fusionnet.apps.output_folder import check_writable
 from fusionnet.apps.picture_file import read_picture
 from fusionnet.apps.setting import setting_of
 from fusionnet.catalogue import did_you_mean
-from fusionnet.errors import UnknownNameError
+from fusionnet.errors import CheckpointError, UnknownNameError
 from fusionnet.sentences import readable_words
 
 Kind = Literal["fusion", "symbolic"]
@@ -108,8 +108,13 @@ def _policy_choice(name: str) -> tuple[Kind, str]:
     """The kind of policy, and the checkpoint that it is loaded from."""
     if name in POLICIES:
         return POLICIES[name], "compact"
-    if Path(name).exists() or "/" in name:
+    if Path(name).is_dir():
         return "fusion", name
+    if "/" in name or Path(name).exists():
+        raise CheckpointError(
+            f"{name} is not a folder; expected one that holds the checkpoints detector, "
+            "translator and fusion."
+        )
     raise UnknownNameError(
         f"No policy called {name!r}; available: {', '.join(POLICIES)}, or the folder of a "
         f"checkpoint.{did_you_mean(name, list(POLICIES))}"

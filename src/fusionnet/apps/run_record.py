@@ -24,6 +24,9 @@ planner reached it by executing the command, as it was read, in the true layout.
 
 SCHEMA_VERSION = 1
 
+SURE = 0.5
+"""Least score of a box that is shown; result.json has them all."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class RunRecord:
@@ -67,10 +70,11 @@ class RunRecord:
 
     @property
     def boxes(self) -> list[Box]:
-        """The blocks that the network found in the picture, surest first."""
+        """The blocks that the network found in the picture (`SURE` at least), surest first."""
         found = [
             Box(d.class_name, float(d.score), tuple(float(c) for c in d.box))  # type: ignore[arg-type]
             for d in self.answer.boxes
+            if d.score >= SURE
         ]
         return sorted(found, key=lambda box: -box.score)
 
