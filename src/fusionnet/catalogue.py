@@ -1,4 +1,4 @@
-"""A folder is a catalogue: `robots.load("nico")` imports `robots/nico` and reads its one public object.
+"""A folder is a catalogue: `robots.load("nico")` imports `robots/nico` and reads its one object.
 
 A newcomer adds a robot, backbone, head, fuser, corpus or experiment by adding one
 file (or folder) whose module defines the object under the catalogue's attribute
@@ -36,7 +36,9 @@ class Catalogue:
     def names(self) -> list[str]:
         """The names of all entries, sorted."""
         folder = importlib.import_module(self.package)
-        found = (m.name for m in pkgutil.iter_modules(folder.__path__) if not m.name.startswith("_"))
+        found = (
+            m.name for m in pkgutil.iter_modules(folder.__path__) if not m.name.startswith("_")
+        )
         return sorted(found)
 
     def load(self, name: str) -> Any:
