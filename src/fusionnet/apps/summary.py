@@ -38,9 +38,9 @@ def print_summary(record: RunRecord, out: Path | None, console: Console | None =
     source, target = tuple(answer.move.source), tuple(answer.move.target)
     table.add_row("planned", f"cell {source} to {target}, sure to {answer.confidence:.0%}")
     names = robots.load(record.robot).joint_names
-    table.add_row("answered", Text("".join(f"{_short(name):>11}" for name in names), style="dim"))
+    table.add_row("answered", Text("".join(f"{_short(name):>9}" for name in names), style="dim"))
     for name, pose in (("grasp", answer.grasp), ("place", answer.place)):
-        angles = "".join(f"{np.degrees(a):10.1f}°" for a in pose.joint_angles)
+        angles = "".join(f"{np.degrees(a):8.1f}°" for a in pose.joint_angles)
         state = "closed" if pose.gripper >= 0.5 else "open"
         table.add_row(f"  {name}", f"{angles} {state}")
     total = sum(answer.milliseconds.values())
@@ -69,5 +69,5 @@ def _style(record: RunRecord) -> str:
 
 
 def _short(joint: str) -> str:
-    """A joint's name without the side of its arm."""
-    return joint.removeprefix("l_").removeprefix("r_")
+    """A joint's name without the side of its arm, in eight letters at most."""
+    return joint.removeprefix("l_").removeprefix("r_").replace("shoulder", "shldr")[:8]
