@@ -49,15 +49,23 @@ from fusionnet.sentences import Vocabulary, edits, words_of
 from fusionnet.sentences.phrases import COLOR_PHRASES
 from fusionnet.training.aligned_sentences import AlignedSentence, aligned, entity_parts
 from fusionnet.training.loop import LoopConfig, fit
-from fusionnet.training.sentence_augmentation import (
-    AugmentationConfig,
-    Augmenter,
+from fusionnet.training.phrase_book import Pool
+from fusionnet.training.sentence_augmentation import AugmentationConfig, Augmenter
+from fusionnet.training.sentence_edits import (
     mirrored,
     misspelt,
     recolored,
     relocated,
     renumbered,
     with_pronoun,
+)
+from fusionnet.training.sentence_pieces import (
+    Piece,
+    core,
+    exchanged,
+    modifier,
+    taken,
+    whole,
 )
 from fusionnet.training.splits import commands_of
 from fusionnet.training.translator import (
@@ -256,6 +264,51 @@ def test_a_held_block_may_be_called_it():
     assert " ".join(changed.words) == "drop it on the single cube in the corner"
     assert changed.symbols[:2] == ("action:drop", "type:reference")
     assert with_pronoun(SENTENCES[0]) is SENTENCES[0]
+
+
+def test_pieces_of_entities_are_found_and_exchanged():
+    sentence = SENTENCES[0]  # pick up the red cube on the tower near the left edge
+    cube, tower, edge = entity_parts(sentence.symbols)
+    for part, words in (
+        (whole(sentence, cube), "the red cube on the tower near the left edge"),
+        (core(sentence, cube), "the red cube"),
+        (modifier(sentence, cube), "on the tower near the left edge"),
+        (modifier(sentence, tower), "near the left edge"),
+        (core(sentence, edge), "the left edge"),
+    ):
+        assert part is not None
+        piece = taken(sentence, part)
+        assert piece is not None and " ".join(piece.words) == words
+        assert exchanged(sentence, part, piece) == sentence
+    assert modifier(sentence, edge) == (8, 8, 12, 11)  # nothing, behind the last word
+    place = core(sentence, tower)
+    other = core(SENTENCES[2], entity_parts(SENTENCES[2].symbols)[2])
+    assert place is not None and other is not None
+    stack = taken(SENTENCES[2], other)
+    assert stack is not None and stack.form == ("color", "color", "type:stack")
+    changed = exchanged(sentence, place, stack)
+    check_whole(changed)
+    assert " ".join(changed.words) == (
+        "pick up the red cube on the white gray tower near the left edge"
+    )
+    assert spoken(changed)["color:gray"] == "gray"
+
+
+def test_what_refers_to_something_outside_stays_where_it_is():
+    sentence = SENTENCES[2]
+    reference = entity_parts(sentence.symbols)[1]
+    place = whole(sentence, reference)
+    assert place is not None and taken(sentence, place) is None
+
+
+def test_a_pool_draws_rare_forms_more_often_when_it_is_even():
+    pool = Pool()
+    for word in ["a"] * 99 + ["b"]:
+        pool.add(Piece((word,), (f"type:{word}",), ((0, 0),)))
+    rng = np.random.default_rng(0)
+    rare = [sum(pool.draw(rng, e).words == ("b",) for _ in range(200)) for e in (0.0, 1.0)]
+    assert rare[0] < 15 and 70 < rare[1] < 130
+    assert Pool().draw(rng, 0.5) is None
 
 
 def test_relocating_a_word_takes_its_meaning_along():

@@ -22,12 +22,11 @@ from fusionnet.apps.setting import setting_of
 from fusionnet.apps.tree_drawing import Part, draw_tree, parts_of
 from fusionnet.blocks import Layout
 from fusionnet.errors import InputError, NotUnderstoodError, OutputError, PlanningError
+from fusionnet.evaluation.translation import SHIPPED
 from fusionnet.models.grounded_reading import GroundedReading, grounded
 from fusionnet.models.reading import Reading
 from fusionnet.models.translator import Translator
 from fusionnet.sentences import tokenize
-
-SHIPPED = Path(__file__).resolve().parent.parent / "weights" / "compact" / "translator"
 
 LINES_AT_ONCE = 64
 """Lines of standard input that are translated together."""

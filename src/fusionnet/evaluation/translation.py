@@ -37,6 +37,7 @@ class TranslationEvaluation:
         split: Which of its commands; "all" for a corpus that was never learnt from.
         checkpoint: Folder of the translator; by default the shipped one.
         beam: Width of the search.
+        skip_bad: Leave unreadable records out instead of refusing the whole corpus.
         failures: How many misread sentences to list in the result.
     """
 
@@ -45,6 +46,7 @@ class TranslationEvaluation:
     split: Split = "test"
     checkpoint: Path | None = None
     beam: int = 10
+    skip_bad: bool = False
     failures: int = 0
 
 
@@ -65,7 +67,8 @@ def evaluate(config: TranslationEvaluation) -> dict[str, Any]:
         sentences_per_second: Read one after the other, with the beam.
         failures: Sentences, right trees and trees read, if asked for.
     """
-    commands = commands_of(load_corpus(config.corpus, config.data), [config.split])
+    corpus = load_corpus(config.corpus, config.data, skip_bad=config.skip_bad)
+    commands = commands_of(corpus, [config.split])
     if not commands:
         raise InputError(f"The corpus {config.corpus!r} has no commands in split {config.split!r}.")
     translator = Translator.from_folder(config.checkpoint or SHIPPED)
