@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float, Int, Integer
 
 from fusionnet.blocks.grid import CLASS_NAMES, GRID, Block, Cell, Color, Gripper, Layout, Shape
 from fusionnet.errors import InputError
@@ -34,7 +34,7 @@ _BLOCKS = [
 ]
 
 
-def layout_from_classes(classes: Int[np.ndarray, "512"], held: int = NOTHING_HELD) -> Layout:
+def layout_from_classes(classes: Integer[np.ndarray, "512"], held: int = NOTHING_HELD) -> Layout:
     """A layout from the class of each cell (16: empty) and the held block's cell index."""
     filled = np.flatnonzero(classes != EMPTY)
     kinds = classes[filled].tolist()

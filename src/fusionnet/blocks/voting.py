@@ -98,8 +98,8 @@ def vote(
     plausible = PlausibleLayouts(occupancy, holding)
     drawn = plausible.draw(rng, samples)
     for softened in (False, True):
-        votes: Counter[Move] = Counter()
-        behind: dict[Move, Counter[int]] = {}
+        votes: dict[Move, float] = {}
+        behind: dict[Move, dict[int, float]] = {}
         for number, (tree, probability) in enumerate(electorate):
             for layout, share in _distinct(drawn, tree, softened):
                 try:
@@ -107,12 +107,14 @@ def vote(
                 except PlanningError:
                     continue
                 weight = share * probability / total
-                votes[move] += weight
-                behind.setdefault(move, Counter())[number] += weight
+                votes[move] = votes.get(move, 0.0) + weight
+                of_move = behind.setdefault(move, {})
+                of_move[number] = of_move.get(number, 0.0) + weight
         if votes:
-            elected = votes.most_common(1)[0][0]
-            tree = electorate[behind[elected].most_common(1)[0][0]][0]
-            return Vote(dict(votes.most_common()), elected, tree, softened)
+            order = sorted(votes, key=lambda move: -votes[move])
+            of_move = behind[order[0]]
+            tree, _ = electorate[max(of_move, key=lambda number: of_move[number])]
+            return Vote({move: votes[move] for move in order}, order[0], tree, softened)
     return Vote({}, None, electorate[0][0], refusal=_refusal(electorate[0][0], plausible))
 
 

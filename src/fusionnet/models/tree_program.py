@@ -85,14 +85,15 @@ KIND_OF_TYPE = {
 TYPES = tuple(KIND_OF_TYPE)
 
 _NUMBERS = range(1, LARGEST_NUMBER + 1)
+_THINGS = tuple(t for t in TYPES if KIND_OF_TYPE[t] <= Kind.GROUP)
+_PLACES = tuple(t for t in TYPES if KIND_OF_TYPE[t] > Kind.GROUP)
+_COLOR_COUNTS = range(MOST_COLORS + 1)
 ATTRIBUTES = (
     *(f"type:{t}" for t in TYPES),
-    *(f"indicator:{i}" for i in Indicator),
-    *(f"cardinal:{n}" for n in _NUMBERS),
-    *(f"colors:{n}" for n in range(MOST_COLORS + 1)),
-    *(f"type:{t} indicator:{i}" for t, i in product(TYPES, Indicator)),
-    *(f"type:{t} cardinal:{n}" for t, n in product(TYPES, _NUMBERS)),
-    *(f"type:{t} colors:{n}" for t, n in product(TYPES, range(MOST_COLORS + 1))),
+    *(f"thing indicator:{i}" for i in Indicator),
+    *(f"type:{t} indicator:{i}" for t, i in product(_PLACES, Indicator)),
+    *(f"type:{t} cardinal:{n}" for t, n in product(_THINGS, _NUMBERS)),
+    *(f"type:{t} colors:{n}" for t, n in product(_THINGS, _COLOR_COUNTS)),
     *(f"role:{role}" for role in ("moved", "held", "landmark", "destination")),
 )
 """What can be said of an entity beside its colours; each has learned scores."""
@@ -337,13 +338,14 @@ def _is_side(entity: Entity | None) -> bool:
 def _attributes(entity: Entity, type_: Type | None, role: str) -> tuple[int, ...]:
     if type_ is None:
         return (_ATTRIBUTE_NUMBER[f"role:{role}"],)
-    colors = min(len(entity.colors), MOST_COLORS)
-    said = [f"indicator:{leaf.value}" for leaf in entity.indicators]
-    if entity.cardinal is not None:
-        said.append(f"cardinal:{max(1, min(entity.cardinal.value, LARGEST_NUMBER))}")
-    said.append(f"colors:{colors}")
-    names = [f"type:{type_}", f"role:{role}", *said]
-    names += [f"type:{type_} {name}" for name in said]
+    names = [f"type:{type_}"]
+    if type_ in _THINGS:
+        names += [f"role:{role}", f"type:{type_} colors:{min(len(entity.colors), MOST_COLORS)}"]
+        if entity.cardinal is not None:
+            number = max(1, min(entity.cardinal.value, LARGEST_NUMBER))
+            names.append(f"type:{type_} cardinal:{number}")
+    group = "thing" if type_ in _THINGS else names[0]
+    names += [f"{group} indicator:{leaf.value}" for leaf in entity.indicators]
     return tuple(_ATTRIBUTE_NUMBER[name] for name in dict.fromkeys(names))
 
 

@@ -8,7 +8,7 @@ The planner labels varied trees of the training groups on varied layouts
 import logging
 import time
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -30,7 +30,14 @@ from fusionnet.training.simulated_readings import cells_of, exact_readings, simu
 
 log = logging.getLogger(__name__)
 
+_RECENT = 40
+"""Steps for which an example may be drawn again."""
+
 Progress = Callable[[int, int, Any], None]
+
+
+LOSS_WEIGHTS = {"grasp": 1.0, "place": 1.0, "holds": 0.1, "joints": 3.0}
+"""Factors of the named losses."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -38,41 +45,49 @@ class FusionConfig:
     """How to train the fusion part.
 
     Attributes:
-        out: Folder of the checkpoint.
-        data: Folder of the treebank.
+        out: Folder of the checkpoint; the log and the resumable state go to `work`.
+        work: Folder for everything that is not the checkpoint.
+        corpus: Corpus whose training groups' trees and layouts are varied.
+        data: Folder of the corpus.
         robot: Name of the robot whose joint table is used.
-        steps: Optimiser steps in all.
         batch: Examples a step.
-        learning_rate: Peak of the schedule.
-        exact: Share of the examples whose layout is read without doubt.
-        joints_weight: Weight of the loss on the fourteen scaled joint values.
+        exact: Share of the simulated readings that are without doubt.
         readings: A file of a real reader's outputs (`reader_outputs`), to train on as well.
         readings_share: Share of the examples that are drawn from it.
-        seed: Of everything random.
-        threads: Of PyTorch.
-        run: Folder of the log and the resumable state; nowhere by default.
+        loop: Steps and schedule.
+        seed: Source of all randomness.
+        threads: Of PyTorch; the tensors are small, more than one gains little.
     """
 
-    out: Path
-    data: Path = Path("../shared/data")
+    out: Path = Path("runs/fusion/checkpoint")
+    work: Path = Path("runs/fusion")
+    corpus: str = "treebank"
+    data: Path | None = None
     robot: str = "nico"
-    steps: int = 3000
     batch: int = 64
-    learning_rate: float = 0.03
     exact: float = 0.2
-    joints_weight: float = 3.0
     readings: Path | None = None
     readings_share: float = 0.4
+    loop: LoopConfig = field(
+        default_factory=lambda: LoopConfig(
+            steps=1500,
+            learning_rate=0.04,
+            weight_decay=0.0,
+            average=0.998,
+            loss_weights=LOSS_WEIGHTS,
+        )
+    )
     seed: int = 0
     threads: int = 1
-    run: Path | None = None
 
     def __post_init__(self) -> None:
         """Refuse values that cannot train."""
-        if self.steps < 1 or self.batch < 1 or self.threads < 1:
-            raise InputError("steps, batch and threads must be at least 1.")
+        if self.batch < 1 or self.threads < 1:
+            raise InputError(
+                f"batch and threads must be at least 1, not {self.batch} and {self.threads}."
+            )
         if not (0 <= self.exact <= 1 and 0 <= self.readings_share <= 1):
-            raise InputError("exact and readings_share are shares, from 0 to 1.")
+            raise InputError("exact and readings_share are shares: they go from 0 to 1.")
 
 
 class FusionBatch(NamedTuple):
@@ -94,36 +109,27 @@ def train(config: FusionConfig, progress: Progress | None = None) -> dict[str, A
         OutputError: If the checkpoint cannot be written.
     """
     torch.set_num_threads(config.threads)
-    torch.manual_seed(config.seed)
     began = time.monotonic()
-    corpus = load_corpus("treebank", config.data)
-    examples = PlannedExamples(corpus.split("train"))
+    corpus = load_corpus(config.corpus, config.data)
+    learnt = corpus.split("train")
+    if not learnt:
+        raise InputError(f"The corpus {config.corpus!r} has no training groups to learn from.")
+    examples = PlannedExamples(learnt)
     outputs = load_reader_outputs(config.readings) if config.readings is not None else None
     model = compact(config.robot)
 
     def batches(first: int) -> Iterator[FusionBatch]:
-        for step in range(first, config.steps):
-            rng = generator(config.seed, "fusion", "train", step)
-            yield draw_batch(examples, outputs, config, rng)
+        for step in range(first, config.loop.steps):
+            yield draw_batch(examples, outputs, config, step)
 
-    fit(
-        model,
-        batches,
-        _losses,
-        LoopConfig(
-            steps=config.steps,
-            learning_rate=config.learning_rate,
-            weight_decay=0.0,
-            loss_weights={"joints": config.joints_weight, "holds": 0.1},
-            average=0.998,
-        ),
-        folder=config.run,
-        progress=progress,
-    )
+    fit(model, batches, _losses, config.loop, folder=config.work, progress=progress)
     metrics = evaluate_cells(model, {p: corpus.split(p) for p in ("val", "test")}, config.seed)
     metrics["minutes"] = round((time.monotonic() - began) / 60, 1)
-    stated = {k: str(v) if isinstance(v, Path) else v for k, v in asdict(config).items()}
-    model.save(config.out, {"metrics": metrics, "training": stated})
+    here = ("out", "work", "data", "readings")
+    stated = {key: value for key, value in asdict(config).items() if key not in here}
+    stated["readings"] = len(outputs) if outputs is not None else 0
+    model.save(config.out, {"training": stated, "metrics": metrics})
+    log.info("fusion part trained: %s", metrics)
     return metrics
 
 
@@ -136,9 +142,16 @@ def draw_batch(
     examples: PlannedExamples,
     outputs: ReaderOutputs | None,
     config: FusionConfig,
-    rng: np.random.Generator,
+    step: int,
 ) -> FusionBatch:
-    """A batch of planned examples, seen with doubt."""
+    """The batch of a step: recent planned examples, seen with doubt.
+
+    A third of a batch's examples are new; on average each is seen three times, always
+    with other doubts.
+    """
+    rng = generator(config.seed, "fusion", "train", step)
+    new = -(-config.batch // 3)
+    recent = range(max(0, (step - _RECENT) * new), (step + 1) * new)
     drawn: list[Example] = []
     read: list[tuple[np.ndarray, float]] = []
     while outputs is not None and len(drawn) < round(config.readings_share * config.batch):
@@ -148,7 +161,8 @@ def draw_batch(
             drawn.append(example)
             read.append(outputs.reading(place))
     while len(drawn) < config.batch:
-        drawn.append(examples.draw(rng))
+        number = recent[int(rng.integers(len(recent)))]
+        drawn.append(examples.numbered(config.seed, number))
     cells, held = cells_of([example.layout for example in drawn])
     severity = rng.uniform(0, 1, len(drawn)) * (rng.random(len(drawn)) > config.exact)
     occupancy, holding = simulated_readings(cells, held, rng, severity)

@@ -27,7 +27,8 @@ from fusionnet.blocks import (
 from fusionnet.corpora import Command
 from fusionnet.errors import PlanningError
 from fusionnet.models.tree_program import compile_tree
-from fusionnet.rcl import Action, Indicator, Leaf, Relation, Tree, events
+from fusionnet.randomness import generator
+from fusionnet.rcl import Action, Indicator, Leaf, Relation, Tree, Type, events
 from fusionnet.rcl import Color as ColorWord
 
 _COLORS = tuple(Color)
@@ -159,6 +160,16 @@ class PlannedExamples:
         self.weights = 0.5 * often / often.sum() + 0.5 * rare / rare.sum()
         layouts = {id(s): s for c in commands for s in (c.scene.before, c.scene.after)}
         self.layouts = [Columns.of(layout) for layout in layouts.values()]
+        self._kept: dict[tuple[int, int], Example] = {}
+
+    def numbered(self, seed: int, number: int) -> Example:
+        """Example `number` of a fixed sequence; the last few thousand asked for are kept."""
+        if (seed, number) not in self._kept:
+            if len(self._kept) >= _KEPT:
+                del self._kept[next(iter(self._kept))]
+            example = self.draw(generator(seed, "planned example", number))
+            self._kept[seed, number] = example
+        return self._kept[seed, number]
 
     def draw(self, rng: np.random.Generator) -> Example:
         """One example that the planner can execute."""
@@ -232,6 +243,7 @@ class PlannedExamples:
 
 
 _ATTEMPTS = 6
+_KEPT = 4000
 Exchange = dict[tuple[type, Any], Any]
 """New values by type and value: members of two enumerations may be equal strings."""
 
@@ -245,6 +257,14 @@ _MIRRORED = _exchange(
 ) | _exchange({Relation.LEFT: Relation.RIGHT, Relation.RIGHT: Relation.LEFT})
 _MIRRORED |= _exchange(
     {Indicator.LEFTMOST: Indicator.RIGHTMOST, Indicator.RIGHTMOST: Indicator.LEFTMOST}
+)
+_LIKE = (
+    (Type.CUBE, Type.PRISM),
+    (Type.STACK, Type.CUBE_GROUP),
+    (Type.EDGE, Type.REGION),
+    (Indicator.LEFTMOST, Indicator.NEAREST),
+    (Indicator.LEFTMOST, Indicator.RIGHTMOST),
+    (Relation.ABOVE, Relation.WITHIN),
 )
 _SIDES = (Indicator.LEFT, Indicator.FRONT, Indicator.RIGHT, Indicator.BACK)
 _WAYS = (Relation.LEFT, Relation.FORWARD, Relation.RIGHT, Relation.BACKWARD)
@@ -269,6 +289,9 @@ def _variation(rng: np.random.Generator) -> Exchange:
     if rng.random() < 0.5:
         new |= _exchange({number: int(rng.integers(1, 7)) for number in range(2, 8)})
         new |= _exchange({1: 1 if rng.random() < 0.5 else int(rng.integers(1, 5))})
+    for pair in _LIKE:
+        if rng.random() < 0.15:
+            new |= _exchange({pair[0]: pair[1], pair[1]: pair[0]})
     return new
 
 

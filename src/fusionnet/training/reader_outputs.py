@@ -17,13 +17,19 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float, Integer
 
 from fusionnet.blocks import Layout
+from fusionnet.blocks.plausibility import CELLS, CLASSES, layout_from_classes
 from fusionnet.errors import DataError, OutputError
-from fusionnet.training.simulated_readings import CLASSES, cells_of, layout_of
+from fusionnet.training.simulated_readings import cells_of
 
-CELLS = 512
+_SHAPES = {
+    "occupancy": ((CELLS, CLASSES + 1), "f"),
+    "holding": ((), "f"),
+    "cells": ((CELLS,), "iu"),
+    "held": ((), "i"),
+}
 
 
 @dataclass(frozen=True)
@@ -32,8 +38,8 @@ class ReaderOutputs:
 
     occupancy: Float[np.ndarray, "n 512 17"]
     holding: Float[np.ndarray, " n"]
-    cells: Int[np.ndarray, "n 512"]
-    held: Int[np.ndarray, " n"]
+    cells: Integer[np.ndarray, "n 512"]
+    held: Integer[np.ndarray, " n"]
 
     def __len__(self) -> int:
         """Number of readings."""
@@ -41,7 +47,7 @@ class ReaderOutputs:
 
     def layout(self, place: int) -> Layout:
         """The true layout of one picture."""
-        return layout_of(self.cells[place].reshape(8, 8, 8), int(self.held[place]))
+        return layout_from_classes(self.cells[place], int(self.held[place]))
 
     def reading(self, place: int) -> tuple[Float[np.ndarray, "8 8 8 17"], float]:
         """What the reader said of one picture: occupancy, and probability of holding."""
@@ -85,17 +91,15 @@ def load_reader_outputs(file: Path) -> ReaderOutputs:
         DataError: If the file is missing, damaged or not in that form.
     """
     try:
-        with np.load(file, allow_pickle=False) as stored:
-            outputs = ReaderOutputs(
-                occupancy=stored["occupancy"],
-                holding=stored["holding"],
-                cells=stored["cells"],
-                held=stored["held"],
-            )
+        with file.open("rb") as stream, np.load(stream, allow_pickle=False) as stored:
+            arrays = {name: stored[name] for name in _SHAPES}
     except (OSError, KeyError, ValueError, zipfile.BadZipFile) as error:
         raise DataError(f"Cannot read the readings {file}: {error}") from error
-    count = len(outputs.holding)
-    shapes = [a.shape for a in (outputs.occupancy, outputs.cells, outputs.held)]
-    if shapes != [(count, CELLS, CLASSES + 1), (count, CELLS), (count,)]:
-        raise DataError(f"The readings {file} have the wrong shapes: {shapes}.")
-    return outputs
+    count = len(arrays["holding"])
+    for name, (shape, kind) in _SHAPES.items():
+        if arrays[name].shape != (count, *shape) or arrays[name].dtype.kind not in kind:
+            raise DataError(
+                f"In the readings {file}, {name!r} has shape {arrays[name].shape} and type "
+                f"{arrays[name].dtype}; expected {(count, *shape)}."
+            )
+    return ReaderOutputs(**arrays)

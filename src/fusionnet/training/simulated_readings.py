@@ -11,12 +11,8 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Float, Int
 
-from fusionnet.blocks import CLASS_NAMES, GRID, Block, Cell, Color, Gripper, Layout, Shape
-
-CLASSES = len(CLASS_NAMES)
-COLORS = CLASSES // 2
-EMPTY = CLASSES
-NOTHING_HELD = -1
+from fusionnet.blocks import GRID, Color, Layout
+from fusionnet.blocks.plausibility import CLASSES, COLORS, EMPTY, NOTHING_HELD
 
 _CONFUSED = {
     Color.BLUE: Color.CYAN,
@@ -157,15 +153,3 @@ def _class_doubts(
     prisms = np.where(prism == 1, 1 - other_shape, other_shape)
     prisms = (1 - hidden[..., 0]) * prisms + hidden[..., 0] * rng.beta(1, 6, shape)
     return np.concatenate([colors * (1 - prisms)[..., None], colors * prisms[..., None]], axis=-1)
-
-
-def layout_of(cells: Int[np.ndarray, "8 8 8"], held: int) -> Layout:
-    """The layout behind one example's cells."""
-    blocks = []
-    for index in np.flatnonzero(cells.ravel() != EMPTY):
-        label = int(cells.ravel()[index])
-        shape, color = list(Shape)[label // COLORS], list(Color)[label % COLORS]
-        blocks.append(Block(color, shape, Cell.from_index(int(index))))
-    if held == NOTHING_HELD:
-        return Layout(tuple(blocks))
-    return Layout(tuple(blocks), Gripper(Cell.from_index(held), closed=True))

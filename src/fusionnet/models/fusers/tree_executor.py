@@ -5,10 +5,11 @@ words mean. The structure is given, the meaning is learned:
 
 - a colour or a type is a learned preference for the 16 classes;
 - an attribute (type, indicator, cardinal, role and their pairs) demands, by learned
-  gates, what is true of a cell: nothing on top, the same colour below, ...; it has a
-  learned map of the board, and a learned ranking for "the leftmost" among several;
-- a relation is a learned set of displacements from its landmark, and "nearest" a
-  learned ranking by displacement.
+  gates, what is true of a cell: nothing on top, the same colour below, ...; a place has
+  a learned map of the board, and an indicator a learned ranking for "the leftmost" among several;
+- a relation is a learned set of displacements from its landmark, within the reach of one
+  square or of its measure, and "nearest" ranks by a learned distance, which begins as the
+  straight one.
 
 Demands are joined as a soft "and" (sums of log probabilities), relations to a set as a
 soft "or" over its members, and the best of several is chosen with the probability that
@@ -40,6 +41,12 @@ from fusionnet.models.tree_program import (
 
 SPAN = 2 * GRID - 1
 """Displacements along one axis: -7 to 7."""
+
+NEVER = -20.0
+"""Logit of a displacement beyond a relation's reach."""
+
+BEND = 0.1
+"""Squares by which a unit of the learned parameters bends the straight distance."""
 
 CANDIDATES = 64
 """Members of a soft set that are looked at in pairs: the board's columns, at most."""
@@ -82,18 +89,27 @@ class TreeExecutor(nn.Module):
     def __init__(self) -> None:
         super().__init__()
         attributes, relations = len(ATTRIBUTES), len(RELATIONS)
-        self.color_classes = nn.Parameter(torch.zeros(COLORS, CLASSES))
+        own = torch.eye(COLORS).repeat(1, CLASSES // COLORS)
+        self.color_classes = nn.Parameter(4 * own - 2)
         self.type_classes = nn.Parameter(torch.zeros(attributes, CLASSES))
         self.demands = nn.Parameter(torch.zeros(attributes, 2 * len(TRUTHS)))
-        self.demand_bias = nn.Parameter(torch.full((2 * len(TRUTHS),), -3.0))
-        self.area = nn.Parameter(torch.full((attributes, COLUMNS), 3.0))
+        bias = torch.full((2 * len(TRUTHS),), -3.0)
+        bias[TRUTHS.index("matches")] = 3.0
+        self.demand_bias = nn.Parameter(bias)
+        self.area = nn.Parameter(torch.zeros(attributes, COLUMNS))
+        self.area_lines = nn.Parameter(torch.zeros(attributes, 2, GRID))
         self.level = nn.Parameter(torch.full((attributes, GRID), 3.0))
-        self.order = nn.Parameter(torch.zeros(attributes, COLUMNS))
-        self.order_level = nn.Parameter(torch.zeros(attributes, GRID))
-        self.offsets = nn.Parameter(torch.full((relations, SPAN**2), -1.0))
+        self.order = nn.Parameter(torch.zeros(attributes, 3 * GRID))
         self.offset_levels = nn.Parameter(torch.zeros(relations, SPAN))
-        self.nearness = nn.Parameter(torch.zeros(len(RANKINGS), SPAN**2))
-        self.ranking = nn.Parameter(torch.tensor([10.0, 4.0, 3.0]).log())
+        ahead = torch.arange(SPAN) - (GRID - 1)
+        straight = torch.hypot(ahead[:, None].float(), ahead.float()).flatten()
+        reach = torch.tensor([max(1, measure) + 0.5 for _, measure, _, _ in RELATIONS])
+        beyond = straight > reach[:, None]
+        self.register_buffer("beyond", beyond, persistent=False)
+        self.offsets = nn.Parameter(torch.full((relations, SPAN**2), -1.0))
+        self.register_buffer("straight", straight, persistent=False)
+        self.bend = nn.Parameter(torch.zeros(len(RANKINGS), SPAN**2))
+        self.ranking = nn.Parameter(torch.tensor([30.0, 3.0, 3.0]).log())
         self.lift = nn.Parameter(torch.zeros(GRID, GRID))
         place = torch.arange(COLUMNS)
         step = torch.stack([place // GRID, place % GRID])
@@ -103,11 +119,13 @@ class TreeExecutor(nn.Module):
         rise = level[None, :] - level[:, None] + GRID - 1
         self.register_buffer("level_steps", rise, persistent=False)
         robot = torch.zeros(CELLS)
-        robot[(GRID // 2) * GRID] = 1.0
+        robot[: GRID**2 : GRID] = 1.0
         self.register_buffer("robot", robot, persistent=False)
         ground = (torch.arange(CELLS) % GRID == 0).float()
         self.register_buffer("ground", ground, persistent=False)
 
+    beyond: Tensor
+    straight: Tensor
     column_steps: Tensor
     level_steps: Tensor
     robot: Tensor
@@ -139,16 +157,20 @@ class TreeExecutor(nn.Module):
         place = level.kind >= Kind.PLACE
         ground = torch.where((level.kind == Kind.ROBOT)[:, None], self.robot, self.ground)
         log_set = torch.where(place[:, None], _log(ground), _log(things) + gates)
-        area = _bag(logsigmoid(self.area), bag)
+        lines = (self.area_lines[:, 0, :, None] + self.area_lines[:, 1, None]).flatten(1)
+        area = _bag(logsigmoid(self.area + lines), bag)
         height = _bag(logsigmoid(self.level), bag)
-        log_set = log_set + _over_cells(area, torch.where(place[:, None], 0.0, height))
+        area = torch.where(place[:, None], area, 0.0)
+        height = torch.where(place[:, None], 0.0, height)
+        log_set = log_set + _over_cells(area, height)
         if len(level.relations.subject):
             log_set = log_set + self._related(level.relations, len(log_set), found)
             rows, near = self._near(level.relations, found)
             log_set = log_set.index_add(0, rows, self._none_better(log_set[rows], near))
         rows = level.ranks.nonzero()[:, 0]
         if len(rows):
-            order = _over_cells(_bag(self.order, bag), _bag(self.order_level, bag))
+            x, y, z = _bag(self.order, bag).unflatten(1, (3, GRID)).unbind(1)
+            order = _over_cells((x[:, :, None] + y[:, None]).flatten(1), z)
             log_set = log_set.index_add(0, rows, self._none_better(log_set[rows], order[rows]))
         return log_set
 
@@ -222,7 +244,8 @@ class TreeExecutor(nn.Module):
             return result
         number = relations.number[which]
         log_member, cell = _members(found[relations.landmark[which]])
-        across = self._displaced(self.offsets[number], self.column_steps, cell // GRID)
+        offsets = self.offsets[number].masked_fill(self.beyond[number], NEVER)
+        across = self._displaced(offsets, self.column_steps, cell // GRID)
         along = self._displaced(self.offset_levels[number], self.level_steps, cell % GRID)
         member = log_member.exp()[:, :, None] * across.sigmoid()
         none = (-(member[..., None] * along.sigmoid()[:, :, None]).clamp(max=1 - FLOOR)).log1p()
@@ -232,21 +255,29 @@ class TreeExecutor(nn.Module):
     def _near(
         self, relations: PackedRelations, found: Float[Tensor, "k 512"]
     ) -> tuple[Int[Tensor, " r"], Float[Tensor, "r 512"]]:
-        """The rows that are ranked by nearness, and how near each cell is to the landmark."""
+        """The rows that are ranked by nearness, and how near each cell is to the landmark.
+
+        The distance to a soft set is that to its nearest member: each member counts with
+        the probability that it is in the set while none that is nearer is.
+        """
         which = relations.ranks.nonzero()[:, 0]
         log_member, cell = _members(found[relations.landmark[which]])
-        sharpness, doubt = self.ranking[:2].exp()
-        table = self.nearness[relations.number[which]]
-        across = self._displaced(table, self.column_steps, cell // GRID)
-        near = (doubt * log_member.log_softmax(1)[:, :, None] + across).logsumexp(1)
-        everywhere = near.repeat_interleave(GRID, dim=1)
-        return relations.subject[which], sharpness * everywhere
+        table = self.straight + BEND * self.bend[relations.number[which]]
+        away = self._displaced(table, self.column_steps, cell // GRID)
+        away, order = away.sort(dim=1)
+        member = log_member.exp()[:, :, None].expand_as(away).gather(1, order)
+        log_none = (-member.clamp(max=1 - FLOOR)).log1p()
+        log_first = _log(member) + log_none.cumsum(1) - log_none
+        sharpness, decision = self.ranking[:2].exp()
+        weight = ((1 + decision) * log_first).softmax(1)
+        nearness = -sharpness * (weight * away).sum(1)
+        return relations.subject[which], nearness.repeat_interleave(GRID, dim=1)
 
     def _none_better(
         self, log_set: Float[Tensor, "n 512"], ranking: Float[Tensor, "n 512"]
     ) -> Float[Tensor, "n 512"]:
         """Log probability that no member of the set ranks above each cell."""
-        log_member, cell = log_set.topk(CANDIDATES, dim=1)
+        log_member, cell = _members(log_set)
         member = log_member.exp().clamp(max=1 - FLOOR)
         value = ranking.gather(1, cell)
         better = (value[:, None] - value[:, :, None] - self.ranking[2].exp()).sigmoid()
@@ -276,16 +307,18 @@ class TreeExecutor(nn.Module):
         lift = _log((column @ self.lift.softmax(1)).flatten(1))
         if len(programs.destination.subject):
             related = self._related(programs.destination, len(target), found)
-            target = target + related + _log(1 - from_column)
+            stood = 1 - torch.where(programs.held == Held.YES, 1.0, layouts.holding)
+            stood = torch.where(programs.held == Held.NO, 1.0, stood)
+            target = target + related + _log(1 - from_column * stood[:, None])
         goal = programs.goal[:, None]
         target = torch.where(goal == Goal.DOWN, down, target)
         return torch.where(goal == Goal.LIFT, lift, target).log_softmax(1)
 
 
 def _members(log_set: Float[Tensor, "m 512"]) -> tuple[Float[Tensor, "m k"], Int[Tensor, "m k"]]:
-    """The likeliest members of each set, and their cells."""
+    """The likeliest members of each set, relative to the likeliest one, and their cells."""
     log_member, cell = log_set.topk(CANDIDATES, dim=1)
-    return log_member, cell
+    return log_member - log_member[:, :1], cell
 
 
 def _columns(cells: Float[Tensor, "n 512"]) -> Float[Tensor, "n 64 8"]:

@@ -1,0 +1,164 @@
+"""What the fusion part is trained on, and that training it runs."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from fusionnet.blocks import Layout, plan, random_layout, validate
+from fusionnet.corpora import load_corpus
+from fusionnet.errors import DataError, InputError
+from fusionnet.models.fusionnet import FusionNet
+from fusionnet.rcl import Action, events, format
+from fusionnet.training.fusion import FusionConfig, draw_batch, train
+from fusionnet.training.loop import LoopConfig
+from fusionnet.training.planned_examples import PlannedExamples
+from fusionnet.training.reader_outputs import load_reader_outputs, save_reader_outputs
+from fusionnet.training.simulated_readings import cells_of, exact_readings, simulated_readings
+
+
+@pytest.fixture(scope="module")
+def examples() -> PlannedExamples:
+    return PlannedExamples(load_corpus("examples").commands)
+
+
+def test_every_example_is_a_possible_layout_with_the_planners_move(
+    examples: PlannedExamples,
+) -> None:
+    actions = set()
+    for number in range(60):
+        example = examples.numbered(0, number)
+        validate(example.layout)
+        assert plan(example.tree, example.layout) == example.move
+        assert events(example.tree)[0].action.value == Action.DROP or not example.move.begins_held
+        actions.add(events(example.tree)[0].action.value)
+    assert actions == set(Action)
+
+
+def test_examples_are_varied_and_reproducible(examples: PlannedExamples) -> None:
+    again = PlannedExamples(load_corpus("examples").commands)
+    first = [examples.numbered(7, number) for number in range(20)]
+    assert first == [again.numbered(7, number) for number in range(20)]
+    assert len({format(example.tree, tokens=False) for example in first}) > 12
+    assert len({frozenset(example.layout.blocks) for example in first}) > 15
+
+
+def test_a_tree_is_found_for_a_given_layout(examples: PlannedExamples) -> None:
+    layout = load_corpus("examples").commands[2].scene.before
+    example = examples.draw_on(layout, np.random.default_rng(0))
+    assert example is not None
+    assert example.layout is layout
+    assert plan(example.tree, layout) == example.move
+    assert examples.draw_on(Layout(()), np.random.default_rng(0)) is None
+
+
+@settings(max_examples=25, deadline=None)
+@given(seed=st.integers(0, 10**6), severity=st.floats(0, 1))
+def test_simulated_readings_are_probabilities(seed: int, severity: float) -> None:
+    rng = np.random.default_rng(seed)
+    cells, held = cells_of([random_layout(rng)])
+    occupancy, holding = simulated_readings(cells, held, rng, np.array([severity]))
+    assert occupancy.min() >= 0
+    assert np.allclose(occupancy.sum(-1), 1, atol=1e-5)
+    assert 0 <= holding[0] <= 1
+
+
+def test_a_reading_without_severity_is_exact() -> None:
+    rng = np.random.default_rng(0)
+    cells, held = cells_of([random_layout(rng) for _ in range(5)])
+    occupancy, holding = simulated_readings(cells, held, rng, np.zeros(5))
+    exact, exact_holding = exact_readings(cells, held)
+    assert np.allclose(occupancy, exact, atol=1e-6)
+    assert np.allclose(holding, exact_holding)
+
+
+def test_what_shows_is_read_better_than_what_hides() -> None:
+    rng = np.random.default_rng(0)
+    cells = np.full((200, 8, 8, 8), 16)
+    cells[:, 3, 3, :3] = 2  # three red cubes: the upper one shows its top,
+    cells[:, 2, 3, :3] = 4  # the lower ones are behind three yellow ones
+    occupancy, _ = simulated_readings(cells, np.full(200, -1), rng, np.ones(200))
+    right = occupancy[:, 3, 3, :3, 2].mean(0)
+    assert right[2] > right[1] + 0.1
+    assert right[2] > right[0] + 0.1
+    assert occupancy[:, 2, 3, 2, 4].mean() > 0.9
+
+
+def test_real_readings_can_be_kept_and_trained_on(
+    examples: PlannedExamples, tmp_path: Path
+) -> None:
+    layouts = [command.scene.before for command in load_corpus("examples").commands]
+    cells, held = cells_of(layouts)
+    occupancy, holding = simulated_readings(cells, held, np.random.default_rng(0))
+    file = tmp_path / "kept" / "readings.npz"
+    save_reader_outputs(file, occupancy, holding, layouts)
+    outputs = load_reader_outputs(file)
+    assert len(outputs) == len(layouts)
+    for place, layout in enumerate(layouts):
+        assert outputs.layout(place).same_blocks(layout)
+        kept, kept_holding = outputs.reading(place)
+        assert np.allclose(kept, occupancy[place], atol=1e-3)
+        assert kept_holding == pytest.approx(float(holding[place]), abs=1e-3)
+    config = FusionConfig(batch=8, readings_share=0.5)
+    batch = draw_batch(examples, outputs, config, 0)
+    assert batch.occupancy.shape == (8, 8, 8, 8, 17)
+    half = batch.occupancy[:4].numpy()
+    assert all(
+        np.abs(half[i] - outputs.occupancy.reshape(-1, 8, 8, 8, 17)).max((1, 2, 3, 4)).min() < 1e-6
+        for i in range(4)
+    )
+
+
+def test_damaged_readings_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(DataError, match="Cannot read"):
+        load_reader_outputs(tmp_path / "none.npz")
+    (tmp_path / "bad.npz").write_bytes(b"PK\x03\x04 not really")
+    with pytest.raises(DataError, match="Cannot read"):
+        load_reader_outputs(tmp_path / "bad.npz")
+    np.savez(
+        tmp_path / "odd.npz",
+        occupancy=np.zeros((2, 5)),
+        holding=np.zeros(2),
+        cells=np.zeros((2, 512)),
+        held=np.zeros(2),
+    )
+    with pytest.raises(DataError, match="expected"):
+        load_reader_outputs(tmp_path / "odd.npz")
+
+
+def test_a_batch_depends_on_its_step_alone(examples: PlannedExamples) -> None:
+    config = FusionConfig(batch=6)
+    one = draw_batch(examples, None, config, 3)
+    draw_batch(examples, None, config, 4)
+    again = draw_batch(PlannedExamples(load_corpus("examples").commands), None, config, 3)
+    assert bool((one.occupancy == again.occupancy).all())
+    assert one.source.tolist() == again.source.tolist()
+
+
+@pytest.mark.parametrize("wrong", [{"threads": 0}, {"batch": 0}, {"exact": 1.5}])
+def test_configurations_that_cannot_train_are_refused(wrong: dict) -> None:
+    with pytest.raises(InputError):
+        FusionConfig(**wrong)
+
+
+def test_training_writes_a_checkpoint_with_its_metrics(data_folder: Path, tmp_path: Path) -> None:
+    seen = []
+    config = FusionConfig(
+        out=tmp_path / "fusion",
+        work=tmp_path / "work",
+        data=data_folder,
+        batch=4,
+        loop=LoopConfig(steps=2),
+    )
+    metrics = train(config, lambda step, steps, line: seen.append((step, steps)))
+    assert seen == [(1, 2), (2, 2)]
+    assert {"val exact", "val soft", "test exact", "test soft"} <= set(metrics)
+    assert isinstance(FusionNet.from_folder(config.out), FusionNet)
+    assert str(tmp_path) not in (config.out / "config.json").read_text()
+
+
+def test_a_corpus_without_training_groups_teaches_nothing() -> None:
+    with pytest.raises(InputError, match="no training groups"):
+        train(FusionConfig(corpus="examples"))
