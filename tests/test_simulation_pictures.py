@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from fusionnet.blocks import CLASS_NAMES, Block, Cell, Color, Gripper, Layout, Shape, random_layout
-from fusionnet.errors import RenderingError, UnknownNameError
+from fusionnet.errors import InputError, RenderingError, UnknownNameError
+from fusionnet.geometry import apply, invert
 from fusionnet.randomness import generator
 from fusionnet.simulation import Appearance, SceneRenderer
 from fusionnet.simulation.renderer import EXTERNAL
@@ -93,6 +94,45 @@ def test_a_block_enclosed_by_others_has_no_box(renderer):
     seen = renderer.view(layout)
     assert seen.visible[0] == 0
     assert 0 not in seen.indices
+
+
+def test_masks_are_the_visible_pixels_of_each_box(renderer):
+    layout = random_layout(generator(5, "masks"))
+    seen = renderer.view(layout, masks=True)
+    masks = seen.masks
+    assert masks.shape == (len(seen.boxes), *SMALL[::-1])
+    np.testing.assert_array_equal(masks.sum(axis=(1, 2)), seen.visible[seen.indices])
+    for mask, (left, top, right, bottom) in zip(masks, seen.boxes.astype(int), strict=True):
+        rows, columns = np.nonzero(mask)
+        edges = (columns.min(), rows.min(), columns.max() + 1, rows.max() + 1)
+        assert edges == (left, top, right, bottom)
+    with pytest.raises(InputError, match="masks=True"):
+        renderer.view(layout).masks  # noqa: B018
+
+
+@pytest.mark.parametrize("camera", ["left_eye", EXTERNAL])
+def test_depth_and_camera_lead_back_to_the_surface_of_the_block(renderer, camera):
+    """Every pixel of a mask, with its depth, is a point of the block that the mask shows."""
+    layout = Layout((block("cube_red", 2, 5, 0), block("cube_blue", 5, 2, 0)))
+    seen = renderer.view(layout, camera, masks=True, depth=True)
+    for index, mask in zip(seen.indices, seen.masks, strict=True):
+        rows, columns = np.nonzero(mask)
+        pixels = np.stack([columns, rows, np.ones_like(rows)])
+        rays = np.linalg.inv(seen.camera.matrix) @ pixels
+        points = (rays * seen.depth[rows, columns]).T
+        offsets = apply(invert(seen.camera.camera_from_robot), points)
+        offsets -= renderer.robot.cell_position(layout.blocks[index].cell)
+        beyond = np.abs(offsets) - BLOCK_HALF
+        assert beyond.max() < 1e-3  # no point is outside ...
+        assert np.abs(beyond.max(axis=1)).max() < 1e-3  # ... and none inside the block
+
+
+def test_asking_for_more_does_not_change_the_picture(renderer):
+    look = Appearance.sample(generator(4, "look"))
+    plain = renderer.view(EVERY_KIND, appearance=look, labels=False)
+    full = renderer.view(EVERY_KIND, appearance=look, masks=True, depth=True)
+    np.testing.assert_array_equal(plain.image, full.image)
+    assert plain.depth is None and plain.block_at is None
 
 
 def test_pictures_do_not_depend_on_what_was_drawn_before(renderer):

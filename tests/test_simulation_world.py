@@ -35,7 +35,8 @@ SCENE = Layout(
     )
 )
 TOWER = Layout((*(block("cube_red", 3, 3, z) for z in range(4)), block("cube_blue", 1, 1, 0)))
-FAR = NICO.joint_angles(Cell(6, 6, 0))
+FAR_CELL = Cell(6, 6, 0)
+FAR = NICO.joint_angles(FAR_CELL)
 
 
 def near(cell: Cell, *offset: float) -> np.ndarray:
@@ -80,7 +81,7 @@ def test_a_move_ends_as_expected_and_disturbs_nobody(source, target):
     assert episode.errors.max() < 1.0
     assert episode.displacement < 0.5
     assert episode.grasp_distance < 1.0
-    assert not episode.stopped
+    assert not episode.stopped and not episode.touched
     assert 3.0 < episode.seconds < 12.0
 
 
@@ -137,6 +138,26 @@ def test_the_gate_is_thirteen_millimetres_wide(offset, holds):
     episode = world.execute(targets(near(Cell(3, 3, 0), 0.0, offset, 0.0)))
     assert (episode.grasped is not None) == holds
     assert episode.success is None
+
+
+def test_the_arm_does_not_go_through_the_table():
+    low, missing = PLANNER.reach(
+        NICO.pinch_position(Cell(6, 6, 0)) - [0.0, 0.0, 0.06], NICO.joint_angles(Cell(6, 6, 0))
+    )
+    assert missing < 1e-3  # a posture within limits, but its hand would be in the table top
+    world = make_world(layout=SCENE)
+    episode = world.execute(targets(low), expected=apply(Move(Cell(2, 3, 0), FAR_CELL), SCENE))
+    assert episode.touched == ("the table",)
+    assert "touched the table" in episode.reason
+
+
+def test_the_arm_does_not_go_through_the_body():
+    across = np.radians([20.0, -80.0, -100.0, -99.0, 60.0, 0.0])  # the palm in the chest
+    world = make_world(layout=SCENE)
+    episode = world.execute(targets(across), expected=apply(Move(Cell(2, 3, 0), FAR_CELL), SCENE))
+    assert "its own body" in episode.touched
+    assert episode.success is False
+    assert "own body" in episode.reason
 
 
 def test_a_block_held_off_centre_is_put_down_off_centre():
@@ -317,3 +338,4 @@ def test_treebank_scenes_are_executed(data_folder):
         episode = world.execute(joint_targets("nico", move), expected=command.scene.after)
         assert episode.success, (command.id, episode.reason)
         assert episode.displacement < 2.0
+        assert not episode.touched

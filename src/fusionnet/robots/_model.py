@@ -13,7 +13,10 @@ from fusionnet.errors import DataError
 class CollisionBit(IntFlag):
     """Bits of MuJoCo's contype and conaffinity, shared by all robots and the world.
 
-    A robot's model says which kinds its own geoms meet; the world adds what blocks meet.
+    A robot's model says which kinds its own geoms meet: the arm and the hand meet the world
+    and everything of the robot that stays where it is (trunk, head, legs, the other arm). The
+    world adds what blocks meet, and the probe: the ball at the pinch, by which alone the hand
+    touches blocks (see `docs/grasp-model.md`).
     """
 
     WORLD = 1
@@ -21,6 +24,7 @@ class CollisionBit(IntFlag):
     ARM = 4
     TRUNK = 8
     HAND = 16
+    PROBE = 64
 
 
 def read_model(file: Path, robot: str) -> mujoco.MjSpec:

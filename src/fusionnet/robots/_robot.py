@@ -209,7 +209,7 @@ class Robot:
     def _with_unit(self, joint: str, value: float) -> str:
         if joint in self.sliding_joints:
             return f"{value * 1000:.1f} mm"
-        return f"{np.degrees(value):.1f} degrees"
+        return f"{np.degrees(value):.2f} degrees"
 
     def _limits_like(
         self, values: Float[np.ndarray, "... k"]

@@ -59,6 +59,8 @@ class Episode:
         grasp_distance: From the pinch to the nearest block's grasp point when the hand closed,
             in mm; None if it did not close.
         stopped: Phases that were cut short because the hand pushed on something.
+        touched: What the arm or the hand touched beside blocks: "the table", "the floor", or
+            "its own body".
         seconds: Simulated time.
         phases: Parts of the motion.
         grasp_model: How grasping is simulated.
@@ -73,6 +75,7 @@ class Episode:
     displacement: float
     grasp_distance: float | None
     stopped: tuple[str, ...]
+    touched: tuple[str, ...]
     seconds: float
     phases: tuple[Phase, ...]
     grasp_model: str = field(default_factory=describe_grasp_model)
@@ -113,6 +116,7 @@ class Episode:
                 None if self.grasp_distance is None else round(self.grasp_distance, 3)
             ),
             "stopped": list(self.stopped),
+            "touched": list(self.touched),
             "seconds": round(self.seconds, 3),
             "phases": [
                 {"name": p.name, "start": round(p.start, 3), "end": round(p.end, 3)}

@@ -116,6 +116,8 @@ class Execution:
         told = []
         if self.stopped:
             told.append(f"the hand pushed on something and stopped ({', '.join(self.stopped)})")
+        if self.hand.touched:
+            told.append(f"the arm touched {' and '.join(sorted(self.hand.touched))}")
         if begins_held is not None and grasped is None:
             told.append("the hand was told to open before it had placed its block")
         elif begins_held is not None:

@@ -24,6 +24,9 @@ PUSH_SECONDS = 0.02
 FRAMES_PER_SECOND = 25
 """Of recorded states."""
 
+_STEPS_PER_FEEL = 10
+"""The arm is asked every so many steps whether it touches something."""
+
 _STEPS_PER_FRAME = round(1.0 / FRAMES_PER_SECOND / TIME_STEP)
 
 
@@ -34,6 +37,7 @@ class Hand:
         held: Index of the block in the hand, or None.
         closed: Whether the hand is closed (with or without a block).
         frames: Recorded joint positions of the whole model, if recording.
+        touched: Obstacles that the arm or the hand has touched (`OBSTACLES`).
     """
 
     def __init__(self, robot: Robot, physics: Physics, data: mujoco.MjData) -> None:
@@ -43,6 +47,7 @@ class Hand:
         self.held: int | None = None
         self.closed = False
         self.frames: list[Float[np.ndarray, " q"]] | None = None
+        self.touched: set[str] = set()
         self._steps = 0
         self._held_orientation = np.array([1.0, 0.0, 0.0, 0.0])
 
@@ -157,6 +162,8 @@ class Hand:
             self._keep_orientation()
         mujoco.mj_step(self.physics.model, self.data)
         self._steps += 1
+        if self._steps % _STEPS_PER_FEEL == 0 and self.data.ncon:
+            self.touched |= self.physics.touched(self.data)
         if self.frames is not None and self._steps % _STEPS_PER_FRAME == 0:
             self.frames.append(self.data.qpos.astype(np.float32))
 

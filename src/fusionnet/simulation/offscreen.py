@@ -13,7 +13,7 @@ from typing import Any
 
 import mujoco
 import numpy as np
-from jaxtyping import Int, UInt8
+from jaxtyping import Float, Int, UInt8
 
 from fusionnet.errors import RenderingError
 
@@ -69,6 +69,9 @@ class Offscreen:
         self._rectangle = mujoco.MjrRect(0, 0, *size)
         self._gl = _open_context(*size)
         self._context = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_100.value)
+        self._context.readDepthMap = mujoco.mjtDepthMap.mjDEPTH_ZEROFAR
+        extent, visual = model.stat.extent, model.vis.map
+        self._near, self._far = visual.znear * extent, visual.zfar * extent
         mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN.value, self._context)
 
     def set_shadow_radius(self, radius: float) -> None:
@@ -78,6 +81,20 @@ class Offscreen:
     def picture(self) -> UInt8[np.ndarray, "h w 3"]:
         """The scene in colour."""
         return self._pixels()
+
+    def depth(self) -> Float[np.ndarray, "h w"]:
+        """Metres along the camera's axis to what `picture` has just shown in each pixel.
+
+        Where there is nothing, the distance to the far end of the view (12 m).
+        """
+        width, height = self.size
+        buffer = np.empty((height, width), np.float32)
+        self._current().make_current()
+        mujoco.mjr_readPixels(None, buffer, self._rectangle, self._context)
+        near, far = self._near, self._far
+        # The buffer is 1 at the near end, 0 at the far one, and linear in 1 / depth.
+        metres = near * far / (buffer[::-1].astype(np.float64) * (far - near) + near)
+        return metres.astype(np.float32)
 
     def identities(self) -> Int[np.ndarray, "h w"]:
         """For each pixel the `segid` of the shape seen there plus one; 0 where there is none."""
@@ -92,14 +109,17 @@ class Offscreen:
         return pixels[..., 0] + pixels[..., 1].astype(np.int32) * 256
 
     def _pixels(self) -> UInt8[np.ndarray, "h w 3"]:
-        if self._context is None:
-            raise RenderingError("This renderer was closed; make a new one.")
-        self._gl.make_current()
+        self._current().make_current()
         mujoco.mjr_render(self._rectangle, self.scene, self._context)
         width, height = self.size
         pixels = np.empty((height, width, 3), np.uint8)
         mujoco.mjr_readPixels(pixels, None, self._rectangle, self._context)
         return pixels[::-1]
+
+    def _current(self) -> Any:
+        if self._context is None:
+            raise RenderingError("This renderer was closed; make a new one.")
+        return self._gl
 
     def close(self) -> None:
         """Free the OpenGL context; nothing can be rendered after."""

@@ -1,6 +1,7 @@
 """The world as MuJoCo sees it, and the declared model of grasping.
 
-What is physics: the arm (masses, position servos with limited torque), the table, and the
+What is physics: the arm (masses, position servos with limited torque), which collides with
+the table, the floor, the robot's trunk, head, legs and other arm; the table; and the
 blocks, which rest, fall, collide, are pushed and pile up. Blocks that nobody touches are
 put to sleep by MuJoCo and woken by the first touch, so a hundred of them cost no time.
 
@@ -48,7 +49,12 @@ UPRIGHT_STIFFNESS = 5e-2
 UPRIGHT_DAMPING = 3.5e-4
 """Of the torque that keeps a held block's orientation, in N m / rad and N m s / rad."""
 
-_TABLE, _BLOCK, _PROBE = int(CollisionBit.WORLD), int(CollisionBit.BLOCK), 64
+_WORLD = int(CollisionBit.WORLD)
+_BLOCK = int(CollisionBit.BLOCK)
+_PROBE = int(CollisionBit.PROBE)
+
+OBSTACLES = ("", "its own body", "the table", "the floor")
+"""What the arm and the hand must not touch, by number; 0 is everything else."""
 
 
 def describe_grasp_model() -> str:
@@ -75,6 +81,7 @@ class Physics:
         blocks: Body of each block of the layout.
         block_positions: Address in `qpos` of each block's position and quaternion.
         block_velocities: Address in `qvel` of each block's six velocities.
+        obstacles: For each geom its number in `OBSTACLES`.
     """
 
     model: mujoco.MjModel
@@ -88,12 +95,19 @@ class Physics:
     blocks: np.ndarray
     block_positions: np.ndarray
     block_velocities: np.ndarray
+    obstacles: np.ndarray
 
     def let_touch_hand(self, block: int, touching: bool) -> None:
         """Whether a block and the ball at the pinch collide; not while it is held."""
         geom = self.model.body_geomadr[self.blocks[block]]
         self.model.geom_contype[geom] = _BLOCK if touching else 0
-        self.model.geom_conaffinity[geom] = _BLOCK | _TABLE | (_PROBE if touching else 0)
+        self.model.geom_conaffinity[geom] = _BLOCK | _WORLD | (_PROBE if touching else 0)
+
+    def touched(self, data: mujoco.MjData) -> set[str]:
+        """Which of the `OBSTACLES` the arm or the hand touches now."""
+        touching = data.contact.dist < 0.0
+        pairs = self.obstacles[data.contact.geom[touching]]
+        return {OBSTACLES[n] for n in pairs.max(axis=1)[pairs.min(axis=1) > 0]}
 
     def block_poses(self, qpos: Float[np.ndarray, " q"]) -> BlockPoses:
         """Where the blocks are in a state of the model."""
@@ -110,7 +124,7 @@ def build_physics(robot: Robot, layout: Layout) -> Physics:
         name="probe", type=mujoco.mjtGeom.mjGEOM_SPHERE, size=[PROBE_RADIUS, 0, 0]
     )
     probe.pos, probe.mass, probe.group = spec.site("pinch").pos, 0.0, 4
-    probe.contype, probe.conaffinity = _PROBE, _BLOCK | _TABLE
+    probe.contype, probe.conaffinity = _PROBE, _BLOCK | _WORLD
     probe.friction, probe.priority = [0.05, 0.005, 0.0001], 1  # smooth: it slides off edges
     _add_table(spec, robot)
     add_pyramid_mesh(spec, BLOCK_HALF)
@@ -145,11 +159,11 @@ def _add_table(spec: mujoco.MjSpec, robot: Robot) -> None:
         size=[(x1 - x0) / 2, (y1 - y0) / 2, TABLE_THICKNESS / 2],
         pos=[(x0 + x1) / 2, (y0 + y1) / 2, top.height - TABLE_THICKNESS / 2],
     )
-    table.contype, table.conaffinity = _TABLE, _BLOCK | _PROBE
+    table.contype, table.conaffinity = _WORLD, _BLOCK | _PROBE
     floor = spec.worldbody.add_geom(
         name="floor", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[5, 5, 0.1], pos=[0, 0, 0]
     )
-    floor.contype, floor.conaffinity = _TABLE, _BLOCK
+    floor.contype, floor.conaffinity = _WORLD, _BLOCK
 
 
 def _add_block(
@@ -163,7 +177,7 @@ def _add_block(
     geom = body.add_geom(name=name, mass=BLOCK_MASS, friction=[0.6, 0.005, 0.0001])
     geom.solref, geom.solimp = [0.004, 1.0], [0.97, 0.995, 0.0005, 0.5, 2.0]
     geom.condim = 4
-    geom.contype, geom.conaffinity = _BLOCK, _BLOCK | _TABLE | _PROBE
+    geom.contype, geom.conaffinity = _BLOCK, _BLOCK | _WORLD | _PROBE
     if block.shape is Shape.CUBE:
         geom.type, geom.size = mujoco.mjtGeom.mjGEOM_BOX, BLOCK_HALF
     else:
@@ -208,7 +222,17 @@ def _located(robot: Robot, model: mujoco.MjModel, count: int) -> Physics:
         blocks=bodies,
         block_positions=model.jnt_qposadr[joints].astype(int),
         block_velocities=model.jnt_dofadr[joints].astype(int),
+        obstacles=_obstacles(model),
     )
+
+
+def _obstacles(model: mujoco.MjModel) -> np.ndarray:
+    """Blocks and the probe may be touched; what else collides is body, table or floor."""
+    free = (model.geom_contype & (_BLOCK | _PROBE)) > 0
+    numbers = np.where(free, 0, OBSTACLES.index("its own body"))
+    numbers[model.geom("table").id] = OBSTACLES.index("the table")
+    numbers[model.geom("floor").id] = OBSTACLES.index("the floor")
+    return numbers
 
 
 def _rotations(quaternions: Float[np.ndarray, "n 4"]) -> Float[np.ndarray, "n 3 3"]:

@@ -5,12 +5,12 @@ from functools import lru_cache
 
 import mujoco
 import numpy as np
-from jaxtyping import Float, Int, UInt8
+from jaxtyping import Bool, Float, Int, UInt8
 from scipy import ndimage
 
 from fusionnet.blocks.grid import Block, Layout
 from fusionnet.catalogue import did_you_mean
-from fusionnet.errors import UnknownNameError
+from fusionnet.errors import InputError, UnknownNameError
 from fusionnet.geometry import PinholeCamera, invert, rotation_from_vector, transform
 from fusionnet.robots import Robot, load
 from fusionnet.simulation.appearance import Appearance
@@ -52,6 +52,9 @@ class View:
         classes: Class index of the block in each box (`fusionnet.blocks.CLASS_NAMES`).
         indices: Which block of the layout each box belongs to.
         visible: Visible pixels of every block of the layout; 0 where it is hidden.
+        block_at: For each pixel the block of the layout that is seen there, -1 where there is
+            none; only if masks were asked for.
+        depth: Metres along the camera's axis to what is seen in each pixel; only if asked for.
     """
 
     image: UInt8[np.ndarray, "h w 3"]
@@ -60,6 +63,19 @@ class View:
     classes: Int[np.ndarray, " n"]
     indices: Int[np.ndarray, " n"]
     visible: Int[np.ndarray, " m"]
+    block_at: Int[np.ndarray, "h w"] | None = None
+    depth: Float[np.ndarray, "h w"] | None = None
+
+    @property
+    def masks(self) -> Bool[np.ndarray, "n h w"]:
+        """The visible pixels of the block in each box.
+
+        Raises:
+            InputError: If the view was taken without masks.
+        """
+        if self.block_at is None:
+            raise InputError("This view has no masks; take it with masks=True.")
+        return self.block_at == self.indices[:, None, None]
 
 
 class SceneRenderer:
@@ -100,6 +116,8 @@ class SceneRenderer:
         camera: str = "left_eye",
         appearance: Appearance | None = None,
         labels: bool = True,
+        masks: bool = False,
+        depth: bool = False,
     ) -> View:
         """A picture of an ideal layout: every block in its cell, the hand away or holding a block.
 
@@ -108,6 +126,8 @@ class SceneRenderer:
             camera: One of `cameras`.
             appearance: Look of the picture; nominal by default.
             labels: Whether boxes and visible pixels are wanted (a second rendering).
+            masks: Whether it is wanted which block is seen in each pixel.
+            depth: Whether it is wanted how far what is seen in each pixel is.
 
         Raises:
             UnknownNameError: If there is no such camera.
@@ -120,7 +140,7 @@ class SceneRenderer:
             appearance.block_turns,
         )
         posture = robot_posture(self.model, self.robot, layout)
-        return self.draw(posture, layout.blocks, poses, camera, appearance, labels)
+        return self.draw(posture, layout.blocks, poses, camera, appearance, labels, masks, depth)
 
     def draw(
         self,
@@ -130,6 +150,8 @@ class SceneRenderer:
         camera: str = "left_eye",
         appearance: Appearance | None = None,
         labels: bool = True,
+        masks: bool = False,
+        depth: bool = False,
     ) -> View:
         """A picture of the robot in `posture` (all its joints) and blocks at `poses`.
 
@@ -162,13 +184,19 @@ class SceneRenderer:
         first = add_blocks(scene, self.model, blocks, poses, appearance)
         self._aim(pinhole)
         image = appearance.develop(self._offscreen.picture())
-        if labels:
-            visible, boxes = visible_boxes(self._offscreen.identities() - first, len(blocks))
+        distances = self._offscreen.depth() if depth else None
+        block_at = None
+        if labels or masks:
+            identities = self._offscreen.identities() - first
+            visible, boxes = visible_boxes(identities, len(blocks))
+            if masks:
+                shown = (identities > 0) & (identities <= len(blocks))
+                block_at = np.where(shown, identities - 1, -1).astype(np.int16)
         else:
             visible, boxes = np.zeros(len(blocks), int), np.zeros((len(blocks), 4))
         seen = np.flatnonzero(visible)
         classes = np.array([b.class_index for b in blocks], dtype=int)
-        return View(image, pinhole, boxes[seen], classes[seen], seen, visible)
+        return View(image, pinhole, boxes[seen], classes[seen], seen, visible, block_at, distances)
 
     def camera(self, name: str = "left_eye", appearance: Appearance | None = None) -> PinholeCamera:
         """The camera called `name`, as it stands in pictures of this appearance.

@@ -91,7 +91,7 @@ class World:
         return measured_layout(
             self.robot,
             self.blocks,
-            self._poses(),
+            self.block_poses,
             self._hand.held,
             self._hand.closed,
             self._hand.pinch,
@@ -102,6 +102,11 @@ class World:
         """The arm's joints now, in radians."""
         return self._hand.posture
 
+    @property
+    def block_poses(self) -> BlockPoses:
+        """Where each block is now, in the robot frame (with `joint_angles` the whole state)."""
+        return self._physics.block_poses(self._data.qpos)
+
     def image(
         self, camera: str = "left_eye", size: tuple[int, int] = (960, 540)
     ) -> UInt8[np.ndarray, "h w 3"]:
@@ -111,16 +116,29 @@ class World:
             RenderingError: If there is no working OpenGL.
             UnknownNameError: If there is no such camera.
         """
-        return self._view(camera, size, labels=False).image
+        return self._view(camera, size).image
 
-    def view(self, camera: str = "left_eye", size: tuple[int, int] = (960, 540)) -> View:
+    def view(
+        self,
+        camera: str = "left_eye",
+        size: tuple[int, int] = (960, 540),
+        *,
+        masks: bool = False,
+        depth: bool = False,
+    ) -> View:
         """What a camera sees now, with the exact boxes of what is visible.
+
+        Args:
+            camera: "left_eye", "right_eye" or "external".
+            size: Width and height, in pixels.
+            masks: Whether it is wanted which block is seen in each pixel.
+            depth: Whether it is wanted how far what is seen in each pixel is.
 
         Raises:
             RenderingError: If there is no working OpenGL.
             UnknownNameError: If there is no such camera.
         """
-        return self._view(camera, size, labels=True)
+        return self._view(camera, size, labels=True, masks=masks, depth=depth)
 
     def execute(self, answer: Any, expected: Layout | None = None, record: bool = False) -> Episode:
         """Let the arm do it: go to the grasp pose, close, go to the place pose, open (or not).
@@ -138,7 +156,8 @@ class World:
         grasp, grasp_closed, place, place_closed = self._targets(answer)
         hand = self._hand
         hand.frames = [] if record else None
-        before = self._poses()
+        hand.touched = set()
+        before = self.block_poses
         start = hand.seconds
         run = Execution(self.robot, hand, self._planner)
         begins_held = hand.held
@@ -162,7 +181,7 @@ class World:
             run.phase("retreat", run.retreat)
         run.phase("rest", run.settle)
 
-        after = self._poses()
+        after = self.block_poses
         moved = np.linalg.norm(after.positions - before.positions, axis=1)
         still = [float(moved[i]) for i in range(len(moved)) if i not in touched]
         if expected is None:
@@ -187,6 +206,7 @@ class World:
             displacement=1000.0 * max(still, default=0.0),
             grasp_distance=None if distance is None else 1000.0 * distance,
             stopped=tuple(run.stopped),
+            touched=tuple(sorted(hand.touched)),
             seconds=hand.seconds - start,
             phases=tuple(run.phases),
             recording=self._recording() if record else None,
@@ -212,13 +232,18 @@ class World:
             raise InputError(f"A gripper value is not finite: {grippers.tolist()}; give 0 to 1.")
         return vectors[0], bool(grippers[0] >= 0.5), vectors[1], bool(grippers[1] >= 0.5)
 
-    def _poses(self) -> BlockPoses:
-        return self._physics.block_poses(self._data.qpos)
-
-    def _view(self, camera: str, size: tuple[int, int], labels: bool) -> View:
+    def _view(
+        self,
+        camera: str,
+        size: tuple[int, int],
+        labels: bool = False,
+        masks: bool = False,
+        depth: bool = False,
+    ) -> View:
         renderer = shared_renderer(self.robot.name, size)
         posture = self._data.qpos[: self._physics.robot_positions]
-        return renderer.draw(posture, self.blocks, self._poses(), camera, self.appearance, labels)
+        poses, look = self.block_poses, self.appearance
+        return renderer.draw(posture, self.blocks, poses, camera, look, labels, masks, depth)
 
     def _recording(self) -> Recording:
         frames = np.array(self._hand.frames)
