@@ -71,7 +71,7 @@ def around(boxes: Sequence[Box], size: tuple[int, int]) -> tuple[int, int, int, 
         return (0, 0, width, height)
     corners = np.array([box.corners for box in boxes])
     low, high = corners[:, :2].min(axis=0), corners[:, 2:].max(axis=0)
-    share = float(np.max((high - low + 0.08 * width) / size))  # of the picture that is needed
+    share = float(np.max((high - low + 0.1 * width) / size))  # of the picture that is needed
     wide, tall = (min(side, round(side * share)) for side in size)
     middle = (low + high) / 2
     left = int(np.clip(middle[0] - wide / 2, 0, width - wide))

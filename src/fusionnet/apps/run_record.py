@@ -88,7 +88,7 @@ class RunRecord:
         """The outcome in one sentence."""
         reason = str(self.episode.reason).rstrip(".")
         if self.episode.success is None:
-            return f"There is nothing to compare with: {_lower_first(reason)}."
+            return f"Done, with nothing to compare it with: {_lower_first(reason)}."
         if not self.episode.success:
             return f"Missed: {_lower_first(reason)}."
         if self.reference == "recorded":
