@@ -286,6 +286,15 @@ def test_no_egl_is_one_line_with_a_remedy(tmp_path) -> None:
     assert ran.stderr.count("\n") == 1 and "apt install" in ran.stderr
 
 
+def test_a_missing_backend_is_one_line_with_a_remedy() -> None:
+    nowhere = {"MUJOCO_GL": "osmesa", "PYOPENGL_PLATFORM": "osmesa"}
+    ran = fusionnet("run", SENTENCE, "--json", env={**os.environ, **nowhere})
+    if ran.returncode == 0:
+        pytest.skip("OSMesa is installed on this machine")
+    assert ran.returncode == 2 and ran.stdout == ""
+    assert ran.stderr.count("\n") == 1 and "apt install" in ran.stderr
+
+
 def test_a_full_disk_leaves_nothing(tmp_path) -> None:
     def at_most_30_kilobytes_a_file() -> None:
         resource.setrlimit(resource.RLIMIT_FSIZE, (30_000, 30_000))

@@ -108,8 +108,19 @@ def _main(arguments: list[str]) -> int:
     name, rest = _command(arguments)
     if name is None:
         return EXIT_BAD_INPUT
+    _open_graphics_later()
     module, _, function_name = COMMANDS[name].function.partition(":")
     return _call(getattr(importlib.import_module(module), function_name), name, rest)
+
+
+def _open_graphics_later() -> None:
+    """Keep `import mujoco` from opening the backend that MUJOCO_GL names.
+
+    Where that backend is missing the import would end in a traceback, also of commands that
+    need no picture; `simulation.offscreen` opens it when one is needed and fails in one line.
+    """
+    if "MUJOCO_GL" in os.environ and "mujoco" not in sys.modules:
+        os.environ["FUSIONNET_GL"] = os.environ.pop("MUJOCO_GL")
 
 
 def _help() -> str:

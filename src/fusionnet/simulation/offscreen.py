@@ -27,8 +27,12 @@ REMEDY = (
 
 
 def backend() -> str:
-    """The OpenGL backend in use: MUJOCO_GL if set, else EGL on Linux, else the system's own."""
-    chosen = os.environ.get("MUJOCO_GL", "").strip().lower()
+    """The OpenGL backend in use: MUJOCO_GL if set, else EGL on Linux, else the system's own.
+
+    The command line moves MUJOCO_GL to FUSIONNET_GL before MuJoCo is imported.
+    """
+    chosen = os.environ.get("FUSIONNET_GL") or os.environ.get("MUJOCO_GL", "")
+    chosen = chosen.strip().lower()
     if chosen in ("egl", "osmesa", "glfw", "cgl"):
         return chosen
     if chosen in ("disable", "disabled", "off", "false", "0"):
