@@ -80,24 +80,31 @@ def boards(record: RunRecord) -> str:
 def attended(record: RunRecord) -> str:
     """Where each part of the command looked on the board, and where the arm will go."""
     answer = record.answer
-    maps = [*answer.attention, ("grasp", answer.source), ("place", answer.target)]
+    looked = [
+        # How well a cell fits the words says nothing by itself: only beside the best one's.
+        (cells / max(float(cells.max()), 1e-9), label, f"best {_cell(cells)}")
+        for label, cells in answer.attention
+    ]
+    goes = [
+        (cells, label, f"{_cell(cells)}, {float(cells.max()):.0%}")
+        for label, cells in (("grasp", answer.source), ("place", answer.target))
+    ]
     drawn = "".join(
-        f"<figure>{heat_svg(cells, title=label)}<figcaption>{escape(label)}<br>{_most(cells)}"
-        "</figcaption></figure>"
-        for label, cells in maps
+        f"<figure>{heat_svg(cells, title=label)}"
+        f"<figcaption>{escape(label)}<br>{where}</figcaption></figure>"
+        for cells, label, where in looked + goes
     )
     return f"""<section>
 <h2>Where it looked</h2>
-<p>How likely each square is what the words mean, from every part of the command to the grasp and
-the place; the most likely cell stands below.</p>
+<p>How well each square fits each part of the command, beside the one that fits best; and how
+likely it is to be where the arm grasps and where it places.</p>
 <div class="boards small">{drawn}</div>
 </section>
 """
 
 
-def _most(cells: np.ndarray) -> str:
-    best = int(np.argmax(cells))
-    return f"{tuple(Cell.from_index(best))}, {float(cells[best]):.0%}"
+def _cell(cells: np.ndarray) -> str:
+    return str(tuple(Cell.from_index(int(np.argmax(cells)))))
 
 
 def answered(record: RunRecord) -> str:

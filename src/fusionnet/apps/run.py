@@ -82,10 +82,15 @@ def run(config: RunConfig) -> int:
     if out is not None:
         check_writable(out)
     begin = time.perf_counter()
+    import torch
+
     from fusionnet.apps.act import NothingDoneError, look_and_act  # slow: PyTorch, MuJoCo
     from fusionnet.apps.run_folder import write_folder
     from fusionnet.policy import load_policy
 
+    # One picture, small networks: a second thread gains little on an idle machine, and on a
+    # busy one it waits twenty times longer than it works.
+    torch.set_num_threads(1)
     policy = load_policy(checkpoint, kind, seed=config.seed or 0)
     seconds = {"load": time.perf_counter() - begin}
     try:
