@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 import tyro
 
-from fusionnet.blocks import Layout, Move, Scene
+from fusionnet.blocks import Move, Scene, move_between
 from fusionnet.corpora import load_corpus
 from fusionnet.randomness import generator
 from fusionnet.simulation import joint_targets, make_world
@@ -56,23 +56,6 @@ class Outcome:
     displacement: float
     simulated: float
     wall: float
-
-
-def move_between(before: Layout, after: Layout) -> Move | None:
-    """The one move that leads from one layout to another; None if there is no such move."""
-    begins, ends = before.held, after.held
-    gone, come = set(before.blocks) - set(after.blocks), set(after.blocks) - set(before.blocks)
-    if len(gone) == len(come) == 1:
-        source, target = gone.pop(), come.pop()
-        same = (source.color, source.shape) == (target.color, target.shape)
-        alone = begins in (None, source) and ends in (None, target)
-        if same and alone:
-            return Move(source.cell, target.cell, begins is not None, ends is not None)
-    if not gone and not come and (begins is None) != (ends is None):
-        held = begins or ends
-        assert held is not None
-        return Move(held.cell, held.cell, begins is not None, ends is not None)
-    return None
 
 
 def run(job: tuple[Scene, Move, Config]) -> Outcome:

@@ -65,7 +65,8 @@ def test_version(capsys) -> None:
     [
         (
             ["rnu", "x"],
-            "no command called 'rnu'; available: run, translate, doctor, evaluate, train, robot. ",
+            "no command called 'rnu'; available: run, translate, simulate, doctor, evaluate, "
+            "train, robot. ",
         ),
         (["train"], "train what?; available: detector, translator, fusion."),
         (["train", "detectr"], "cannot train 'detectr'; available: detector, translator, fusion. "),

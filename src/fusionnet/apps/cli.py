@@ -38,6 +38,9 @@ COMMANDS = {
     "translate": Entry(
         "a sentence to its tree, and what that would do", "fusionnet.apps.translate:translate"
     ),
+    "simulate": Entry(
+        "let the arm do a move, given values, or a run again", "fusionnet.apps.simulate:simulate"
+    ),
     "doctor": Entry("say what works on this machine", "fusionnet.apps.doctor:doctor"),
     "evaluate policy": Entry(
         "executed success and joint error of a policy", "fusionnet.apps.evaluate:policy"

@@ -1,5 +1,6 @@
 """Blocks on the grid: layouts, scenes, moves, and the planner that executes trees in them."""
 
+from fusionnet.blocks.difference import move_between
 from fusionnet.blocks.grid import (
     BLOCK_SIZE,
     CLASS_NAMES,
@@ -39,6 +40,7 @@ __all__ = [
     "apply",
     "layout_from_json",
     "layout_to_json",
+    "move_between",
     "plan",
     "random_layout",
     "read_layout",

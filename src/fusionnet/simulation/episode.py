@@ -50,6 +50,7 @@ class Episode:
     Attributes:
         success: Whether the world ended as expected; None when nothing was expected.
         reason: Why, in one sentence.
+        targets: What was executed: grasp joints, grasp gripper, place joints, place gripper.
         layout_after: Blocks in the cells where they were measured at the end (off the grid
             where they fell off the board), and the hand.
         grasped: The block that the hand closed on, or None.
@@ -69,6 +70,7 @@ class Episode:
 
     success: bool | None
     reason: str
+    targets: Float[np.ndarray, " k"]
     layout_after: Layout
     grasped: Block | None
     errors: Float[np.ndarray, " n"]
@@ -102,6 +104,7 @@ class Episode:
         return {
             "success": self.success,
             "reason": self.reason,
+            "targets": [float(value) for value in self.targets],
             "layout_after": {
                 "gripper": {
                     "cell": list(self.layout_after.gripper.cell),
@@ -110,7 +113,7 @@ class Episode:
                 "blocks": [_block_json(b) for b in self.layout_after.blocks],
             },
             "grasped": None if self.grasped is None else _block_json(self.grasped),
-            "errors_mm": [round(float(e), 3) for e in self.errors],
+            "errors_mm": [None if np.isnan(e) else round(float(e), 3) for e in self.errors],
             "displacement_mm": round(self.displacement, 3),
             "grasp_distance_mm": (
                 None if self.grasp_distance is None else round(self.grasp_distance, 3)

@@ -1,5 +1,7 @@
 """The simulated arm and hand in motion: follows paths, closes, opens, feels when it pushes."""
 
+from collections.abc import Callable
+
 import mujoco
 import numpy as np
 from jaxtyping import Float
@@ -37,6 +39,7 @@ class Hand:
         held: Index of the block in the hand, or None.
         closed: Whether the hand is closed (with or without a block).
         frames: Recorded joint positions of the whole model, if recording.
+        on_frame: Called 25 times a simulated second, if set.
         touched: Obstacles that the arm or the hand has touched (`OBSTACLES`).
     """
 
@@ -47,6 +50,7 @@ class Hand:
         self.held: int | None = None
         self.closed = False
         self.frames: list[Float[np.ndarray, " q"]] | None = None
+        self.on_frame: Callable[[], None] | None = None
         self.touched: set[str] = set()
         self._steps = 0
         self._held_orientation = np.array([1.0, 0.0, 0.0, 0.0])
@@ -164,8 +168,11 @@ class Hand:
         self._steps += 1
         if self._steps % _STEPS_PER_FEEL == 0 and self.data.ncon:
             self.touched |= self.physics.touched(self.data)
-        if self.frames is not None and self._steps % _STEPS_PER_FRAME == 0:
-            self.frames.append(self.data.qpos.astype(np.float32))
+        if self._steps % _STEPS_PER_FRAME == 0:
+            if self.frames is not None:
+                self.frames.append(self.data.qpos.astype(np.float32))
+            if self.on_frame is not None:
+                self.on_frame()
 
     def _keep_orientation(self) -> None:
         block = self.held

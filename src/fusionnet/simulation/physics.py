@@ -14,13 +14,15 @@ the pinch does not, so a hand that comes down on a block pushes it.
 """
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import mujoco
 import numpy as np
 from jaxtyping import Float
 
 from fusionnet.blocks.grid import Block, Layout, Shape
-from fusionnet.robots import CollisionBit, Robot
+from fusionnet.robots import ArmKinematics, CollisionBit, Robot
+from fusionnet.simulation.appearance import BLOCK_COLORS
 from fusionnet.simulation.tabletop import (
     BLOCK_HALF,
     PYRAMID,
@@ -130,14 +132,25 @@ def build_physics(robot: Robot, layout: Layout) -> Physics:
     add_pyramid_mesh(spec, BLOCK_HALF)
     poses = ideal_poses(layout.blocks, robot.robot_from_board)
     held = layout.held
+    # A model begins in its zero posture; blocks cannot sleep where the hand is then.
+    aside = poses.positions[:, :2] - _zero_pinch(robot)[:2]
+    apart = np.linalg.norm(aside, axis=1) > 2 * PROBE_RADIUS + 2 * BLOCK_HALF[0]
     for index, block in enumerate(layout.blocks):
-        _add_block(spec, f"block {index}", block, poses.positions[index], asleep=block is not held)
+        asleep = block is not held and bool(apart[index])
+        _add_block(spec, f"block {index}", block, poses.positions[index], asleep=asleep)
     _add_hold(spec, len(layout.blocks))
     _add_touch(spec)
     for name in robot.joint_names:
         spec.actuator(name).forcerange = [-TORQUE_LIMIT, TORQUE_LIMIT]
         spec.actuator(name).forcelimited = True
     return _located(robot, spec.compile(), len(layout.blocks))
+
+
+@lru_cache(maxsize=16)
+def _zero_pinch(robot: Robot) -> Float[np.ndarray, "3"]:
+    """Where the pinch is when all joints are at 0."""
+    kinematics = ArmKinematics(robot)
+    return kinematics.robot_from_pinch(np.zeros(len(robot.joint_names)))[:3, 3]
 
 
 def _set_options(spec: mujoco.MjSpec) -> None:
@@ -177,6 +190,7 @@ def _add_block(
     geom = body.add_geom(name=name, mass=BLOCK_MASS, friction=[0.6, 0.005, 0.0001])
     geom.solref, geom.solimp = [0.004, 1.0], [0.97, 0.995, 0.0005, 0.5, 2.0]
     geom.condim = 4
+    geom.rgba = [*BLOCK_COLORS[block.color], 1.0]  # for live viewers; pictures are drawn apart
     geom.contype, geom.conaffinity = _BLOCK, _BLOCK | _WORLD | _PROBE
     if block.shape is Shape.CUBE:
         geom.type, geom.size = mujoco.mjtGeom.mjGEOM_BOX, BLOCK_HALF

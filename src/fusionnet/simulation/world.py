@@ -20,6 +20,7 @@ from fusionnet.simulation.motion import PathPlanner
 from fusionnet.simulation.physics import build_physics
 from fusionnet.simulation.renderer import View, shared_renderer
 from fusionnet.simulation.tabletop import BlockPoses
+from fusionnet.simulation.viewer import LiveViewer
 
 
 def joint_targets(robot: str | Robot, move: Move) -> Float[np.ndarray, " k"]:
@@ -140,6 +141,16 @@ class World:
         """
         return self._view(camera, size, labels=True, masks=masks, depth=depth)
 
+    def watch(self) -> LiveViewer:
+        """A window in which this world is seen at the pace of a clock, until it is closed.
+
+        Raises:
+            RenderingError: If there is no display.
+        """
+        viewer = LiveViewer(self.robot, self._physics.model, self._data)
+        self._hand.on_frame = viewer.show
+        return viewer
+
     def execute(self, answer: Any, expected: Layout | None = None, record: bool = False) -> Episode:
         """Let the arm do it: go to the grasp pose, close, go to the place pose, open (or not).
 
@@ -200,6 +211,7 @@ class World:
         episode = Episode(
             success=success,
             reason=reason,
+            targets=np.r_[grasp, grasp_closed, place, place_closed],
             layout_after=self.layout,
             grasped=None if grasped is None else self.blocks[grasped],
             errors=errors,
