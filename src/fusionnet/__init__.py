@@ -3,7 +3,7 @@
     from fusionnet import load_policy, make_world
 
     policy = load_policy("compact")
-    world = make_world(robot="nico", seed=7)
+    world = make_world(robot="nico", seed=24)
     answer = policy(world.image("left_eye"), "put the red pyramid on the blue cube")
     episode = world.execute(answer)
 

@@ -105,7 +105,7 @@ def draw_boxes(
         paint = PAINT[box.color]
         draw.rectangle(corners, outline=ink_on(paint), width=line + 2)
         draw.rectangle(_grown(corners, -1.0), outline=paint, width=line)
-    font = ImageFont.load_default(size=max(13, size[0] // 76))
+    font = ImageFont.load_default(size=max(13, size[0] // 60))
     taken: list[list[float]] = []
     # The largest first: they have the most room around them.
     for index in sorted(range(len(boxes)), key=lambda i: -_area(scaled[i])):
