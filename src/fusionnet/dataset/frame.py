@@ -66,4 +66,5 @@ class PictureFrame:
     @classmethod
     def from_dict(cls, values: dict[str, Any]) -> "PictureFrame":
         """The inverse of `as_dict`."""
-        return cls(**{key: tuple(int(v) for v in value) for key, value in values.items()})
+        whole: dict[str, Any] = {key: tuple(int(v) for v in value) for key, value in values.items()}
+        return cls(**whole)

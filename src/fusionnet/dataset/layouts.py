@@ -25,12 +25,12 @@ def varied_layout(rng: np.random.Generator, real: Sequence[Layout], *, invented:
     """
     if not real or rng.random() < invented:
         return random_layout(rng)
-    layout = real[rng.integers(len(real))]
+    layout = real[int(rng.integers(len(real)))]
     if rng.random() < 0.1:
         return layout
     columns = _columns(layout)
     if rng.random() < 0.35:
-        columns = _merge(rng, columns, _columns(real[rng.integers(len(real))]))
+        columns = _merge(rng, columns, _columns(real[int(rng.integers(len(real)))]))
     columns = _turn(rng, columns)
     columns = _recolor(rng, columns)
     _edit(rng, columns)

@@ -350,9 +350,9 @@ def _attributes(entity: Entity, type_: Type | None, role: str) -> tuple[int, ...
 
 
 def _label(entity: Entity) -> str:
-    words = [leaf.value for leaf in entity.indicators]
+    words = [str(leaf.value) for leaf in entity.indicators]
     words += [str(entity.cardinal.value)] if entity.cardinal is not None else []
-    words += [leaf.value for leaf in entity.colors]
+    words += [str(leaf.value) for leaf in entity.colors]
     return " ".join([*words, str(entity.type.value)])
 
 

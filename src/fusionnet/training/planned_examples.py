@@ -100,7 +100,7 @@ class Columns:
                 self._stack(column, rng, hues)
             elif kind < 0.75 and blocks:
                 place = int(rng.integers(len(blocks)))
-                blocks[place] = (blocks[place][0], hues[rng.integers(len(hues))])
+                blocks[place] = (blocks[place][0], hues[int(rng.integers(len(hues)))])
             elif blocks:
                 blocks.pop()
             if not blocks:
@@ -111,7 +111,7 @@ class Columns:
         below = self.held[2].z - 1 if self.held and self.held[2][:2] == column else GRID
         if len(blocks) >= below or (blocks and blocks[-1][0] is Shape.PRISM):
             return
-        color = hues[rng.integers(len(hues))]
+        color = hues[int(rng.integers(len(hues)))]
         if blocks and rng.random() < 0.4:
             color = blocks[-1][1]
         blocks.append((Shape.PRISM if rng.random() < 0.3 else Shape.CUBE, color))
@@ -224,7 +224,7 @@ class PlannedExamples:
                 columns.held = None
             colors = {color: color for color in _COLORS}
             if rng.random() < 0.5:
-                colors = {color: hues[rng.integers(len(hues))] for color in _COLORS}
+                colors = {color: hues[int(rng.integers(len(hues)))] for color in _COLORS}
             example = _planned(tree, columns.layout(colors, rng.random() < 0.5))
             if example is not None:
                 return example
@@ -301,7 +301,7 @@ def _rewrite(node: Any, new: Exchange) -> Any:
         return replace(node, value=new.get((type(node.value), node.value), node.value))
     if isinstance(node, tuple):
         return tuple(_rewrite(part, new) for part in node)
-    if not is_dataclass(node):
+    if not is_dataclass(node) or isinstance(node, type):
         return node
     parts = {
         f.name: getattr(node, f.name) if f.name in _NAMES else _rewrite(getattr(node, f.name), new)
@@ -329,7 +329,9 @@ def _rarity(trees: Sequence[Tree]) -> Float[np.ndarray, " t"]:
     traits = []
     for tree in trees:
         program = compile_tree(tree)
-        said = {("attribute", a) for step in program.steps for a in step.attributes}
+        said: set[tuple[Any, ...]] = {
+            ("attribute", a) for step in program.steps for a in step.attributes
+        }
         said |= {("relation", r.number, r.ranks) for s in program.steps for r in s.related}
         if program.destination is not None:
             said.add(("destination", program.destination.number))

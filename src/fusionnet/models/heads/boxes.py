@@ -67,6 +67,7 @@ class BoxHead(nn.Module):
         self.regress = _subnet(channels, width, count * 4)
         prior = 0.01
         final = self.classify[-1]
+        assert isinstance(final, nn.Conv2d) and final.bias is not None
         nn.init.normal_(final.weight, std=0.01)
         nn.init.constant_(final.bias, -math.log((1 - prior) / prior))
         self.coder = BoxCoder(weights=(1.0, 1.0, 1.0, 1.0))
