@@ -227,7 +227,7 @@ class Policy:
             cells=sight.cells,
             holding=sight.holding,
             readings=readings,
-            tree=elected.tree if symbolic else readings[int(np.argmax(fused.weights))].tree,
+            tree=elected.tree if symbolic else readings[fused.reading].tree,
             source=source,
             target=target,
             move=elected.move,

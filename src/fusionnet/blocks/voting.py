@@ -24,6 +24,13 @@ from fusionnet.rcl import Sequence as EventSequence
 LEAST_SHARE = 1e-3
 """Readings this many times less probable than the best are not executed."""
 
+LEAST_TURNOUT = 0.25
+"""A reading that can be executed in a smaller share of the drawn layouts has no vote. On validation
+scenes commands about blocks that are there reach 0.66 and more, about absent ones at most 0.07."""
+
+LEAST_WEIGHT = 0.01
+"""All votes together must weigh this much, or far-fetched readings would decide."""
+
 _TWINS = {
     Color.BLUE: Color.CYAN,
     Color.CYAN: Color.BLUE,
@@ -38,7 +45,7 @@ class Vote:
 
     Attributes:
         votes: Weight of each move, the heaviest first; all weights add up to at most 1.
-        move: The elected move; None if no reading could be executed in any layout.
+        move: The elected move; None if readings could be executed in hardly any layout.
         tree: The reading behind it, or the likeliest reading.
         softened: Whether cyan had to pass for blue, or white for gray, or the reverse.
         refusal: Why nothing could be executed; empty if something was.
@@ -101,21 +108,31 @@ def vote(
         votes: dict[Move, float] = {}
         behind: dict[Move, dict[int, float]] = {}
         for number, (tree, probability) in enumerate(electorate):
-            for layout, share in _distinct(drawn, tree, softened):
-                try:
-                    move = plan(tree, layout, soften=softened)
-                except PlanningError:
-                    continue
+            shares = _executed(drawn, tree, softened)
+            if sum(shares.values()) < LEAST_TURNOUT:
+                continue
+            for move, share in shares.items():
                 weight = share * probability / total
                 votes[move] = votes.get(move, 0.0) + weight
-                of_move = behind.setdefault(move, {})
-                of_move[number] = of_move.get(number, 0.0) + weight
-        if votes:
+                behind.setdefault(move, {})[number] = weight
+        if sum(votes.values()) >= LEAST_WEIGHT:
             order = sorted(votes, key=lambda move: -votes[move])
             of_move = behind[order[0]]
             tree, _ = electorate[max(of_move, key=lambda number: of_move[number])]
             return Vote({move: votes[move] for move in order}, order[0], tree, softened)
     return Vote({}, None, electorate[0][0], refusal=_refusal(electorate[0][0], plausible))
+
+
+def _executed(drawn: DrawnLayouts, tree: Tree, softened: bool) -> dict[Move, float]:
+    """The moves that a tree comes to, and the share of the drawn layouts that each comes from."""
+    shares: dict[Move, float] = {}
+    for layout, share in _distinct(drawn, tree, softened):
+        try:
+            move = plan(tree, layout, soften=softened)
+        except PlanningError:
+            continue
+        shares[move] = shares.get(move, 0.0) + share
+    return shares
 
 
 def _refusal(tree: Tree, plausible: PlausibleLayouts) -> str:

@@ -54,7 +54,8 @@ class FusionAnswer:
         target_cell: Index of the cell of the place.
         confidence: Probability of the two cells together.
         ends_held: Probability that the block stays in the hand.
-        weights: Probability of each reading after looking at the layout.
+        weights: Probability of each reading that makes sense, after looking at the layout.
+        reading: Index, among the given readings, of the one that decided.
         attention: For each entity of the likeliest reading, its words and how
             strongly each cell belongs to it.
     """
@@ -67,6 +68,7 @@ class FusionAnswer:
     confidence: float
     ends_held: float
     weights: tuple[float, ...]
+    reading: int
     attention: list[tuple[str, Float[np.ndarray, "512"]]]
 
 
@@ -192,7 +194,7 @@ class FusionNet(nn.Module):
             InputError: If an array has the wrong shape, or there is no reading.
             PlanningError: If no reading makes sense, whatever the layout.
         """
-        programs, weights, labels = _programs_of(readings)
+        programs, weights, labels, kept = _programs_of(readings)
         cells = torch.from_numpy(np.array(occupancy, dtype=np.float32))
         if cells.shape != (GRID, GRID, GRID, 17):
             raise InputError(f"The occupancy must have shape (8, 8, 8, 17), not {cells.shape}.")
@@ -226,6 +228,7 @@ class FusionNet(nn.Module):
             confidence=float(pair[source_cell, target_cell]),
             ends_held=float(ends_held),
             weights=tuple(weight.tolist()),
+            reading=kept[likeliest],
             attention=attention,
         )
 
@@ -290,22 +293,24 @@ class FusionNet(nn.Module):
 
 def _programs_of(
     readings: Sequence[tuple[Tree, float]],
-) -> tuple[list[TreeProgram], Float[Tensor, " k"], list[list[str]]]:
-    """Programs of the readings that make sense, with weights and the labels of their steps."""
+) -> tuple[list[TreeProgram], Float[Tensor, " k"], list[list[str]], list[int]]:
+    """Programs of the readings that make sense, weights, labels of their steps, and indices."""
     programs: list[TreeProgram] = []
     weights: list[float] = []
+    kept: list[int] = []
     refusal = PlanningError("The sentence was not understood.")
-    for tree, probability in readings:
+    for index, (tree, probability) in enumerate(readings):
         try:
             programs.append(compile_tree(tree))
         except PlanningError as error:
             refusal = error if tree is readings[0][0] else refusal
             continue
         weights.append(max(float(probability), 1e-9))
+        kept.append(index)
     if not programs:
         raise refusal
     labels = [[step.label for step in program.steps] for program in programs]
-    return programs, torch.tensor(weights), labels
+    return programs, torch.tensor(weights), labels, kept
 
 
 def compact(robot: str = "nico") -> FusionNet:
