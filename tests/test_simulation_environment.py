@@ -1,5 +1,8 @@
 """The Gymnasium environment keeps Gymnasium's contract."""
 
+import os
+import signal
+
 import gymnasium
 import numpy as np
 import pytest
@@ -8,9 +11,12 @@ from gymnasium.utils.env_checker import check_env
 from fusionnet import register_environments
 from fusionnet.blocks import plan
 from fusionnet.errors import InputError, RenderingError
-from fusionnet.simulation import joint_targets
+from fusionnet.robots import ArmKinematics
+from fusionnet.simulation import joint_targets, servo_environment, world
 from fusionnet.simulation.environment import PickPlace
+from fusionnet.simulation.motion import PathPlanner
 from fusionnet.simulation.renderer import shared_renderer
+from fusionnet.simulation.servo_environment import PickPlaceServo
 
 SIZE = (128, 72)
 
@@ -78,8 +84,120 @@ def test_an_unknown_command_is_refused(environment):
         environment.reset(options={"command": -1})
 
 
-def test_gymnasium_knows_the_environment_by_name():
+@pytest.mark.parametrize("name", ["PickPlace", "PickPlaceServo"])
+def test_gymnasium_knows_the_environment_by_name(name):
     register_environments()
-    made = gymnasium.make("fusionnet/PickPlace-v0", size=SIZE)
+    made = gymnasium.make(f"fusionnet/{name}-v0", size=SIZE)
     observation, _ = made.reset(seed=4)
     assert made.observation_space.contains(observation)
+
+
+def test_human_mode_shows_the_motion_in_a_window(monkeypatch):
+    events = []
+
+    class Viewer(world.LiveViewer):
+        def __init__(self, *_):
+            events.append("opened")
+
+        def show(self):
+            events.append("shown")
+
+        def close(self):
+            events.append("closed")
+
+    monkeypatch.setattr(world, "LiveViewer", Viewer)
+    environment = PickPlace(size=SIZE, render_mode="human")
+    environment.reset(seed=0)
+    assert environment.render() is None
+    identity, command = next(iter(environment.commands.items()))
+    environment.reset(options={"command": identity})
+    environment.step(joint_targets("nico", plan(command.tree, command.scene.before)))
+    environment.close()
+    assert events[0] == "opened" and events[-1] == "closed"
+    assert events.count("shown") > 50 and events.count("closed") == 2
+    with pytest.raises(InputError, match="No render mode 'sculpture'"):
+        PickPlace(render_mode="sculpture")
+
+
+class TestServo:
+    """Joint targets at 20 Hz."""
+
+    @pytest.fixture
+    def servo(self):
+        return PickPlaceServo(size=(64, 36))
+
+    @pytest.mark.filterwarnings("ignore:.*symmetric and normalized space:UserWarning")
+    def test_gymnasiums_own_check_passes(self, servo):
+        check_env(servo, skip_render_check=True)
+
+    def test_a_block_is_carried_step_by_step(self, servo):
+        identity, command = next(iter(servo.commands.items()))
+        observation, _ = servo.reset(options={"command": identity})
+        move = plan(command.tree, command.scene.before)
+        robot = servo.robot
+        planner = PathPlanner(ArmKinematics(robot))
+
+        def above(cell):
+            return planner.upwards(robot.joint_angles(cell), robot.pinch_position((0, 0, 5))[2])[-1]
+
+        grasp, place = robot.joint_angles(move.source), robot.joint_angles(move.target)
+        way = [
+            *((robot.poses["ready"], 0, 30), (above(move.source), 0, 20), (grasp, 0, 24)),
+            *((grasp, 0, 4), (grasp, 1, 2), (above(move.source), 1, 24)),
+            *((above(move.target), 1, 24), (place, 1, 24), (place, 1, 4), (place, 0, 10)),
+        ]
+        here, success, seen = observation["joint_positions"], False, []
+        for there, gripper, steps in way:
+            for share in np.linspace(0.0, 1.0, steps + 1)[1:]:
+                assert not success
+                action = np.r_[here + share * (there - here), gripper]
+                observation, reward, success, cut, info = servo.step(action)
+                assert reward == float(success) and not cut
+                assert observation["gripper"] == gripper
+                seen.append(observation["left_eye"].mean())
+                if success:
+                    break
+            here = there
+        assert success, info["reason"]
+        assert info["touched"] == () and info["seconds"] == len(seen) / 20
+        assert len(set(seen)) > 50  # the picture changes with the motion
+
+    def test_an_idle_arm_is_cut_off_and_a_bad_target_refused(self, servo, monkeypatch):
+        monkeypatch.setattr(servo_environment, "LONGEST", 0.1)
+        observation, _ = servo.reset(seed=0)
+        still = np.r_[observation["joint_positions"], 0.0]
+        _, _, terminated, truncated, info = servo.step(still)
+        assert not terminated and not truncated and "from where one belongs" in info["reason"]
+        assert servo.step(still)[3] is True
+        with pytest.raises(InputError, match="l_wrist_x"):
+            servo.step(still + [0, 0, 0, 0, 0, 9.0, 0])
+
+
+def test_a_crashed_worker_is_reported_and_the_others_results_are_kept():
+    register_environments()
+    vector = gymnasium.make_vec("fusionnet/PickPlace-v0", num_envs=2, size=(64, 36))
+    try:
+        single = PickPlace(size=(64, 36))
+        together, infos = vector.reset(seed=7)
+        for index in range(2):
+            alone, info = single.reset(seed=7 + index)
+            assert infos["command"][index] == info["command"]
+            assert together["sentence"][index] == alone["sentence"]
+            np.testing.assert_array_equal(together["left_eye"][index], alone["left_eye"])
+        command = single.commands[infos["command"][1]]
+        targets = joint_targets("nico", plan(command.tree, command.scene.before))
+        expected = single.step(targets)[4]["episode"]
+
+        os.kill(vector.unwrapped.workers[0].pid, signal.SIGKILL)
+        _, rewards, terminated, truncated, infos = vector.step(np.stack([targets, targets]))
+        assert "signal 9" in infos["error"][0] and not infos["error"][1]
+        assert rewards.tolist() == [0.0, 1.0]
+        assert terminated.tolist() == [False, True] and truncated.tolist() == [True, False]
+        assert infos["episode"]["errors_mm"][1] == expected["errors_mm"]  # as in one process
+
+        _, _, terminated, truncated, infos = vector.step(np.stack([targets, targets]))
+        assert not terminated.any() and not truncated.any()  # both begin anew
+        _, _, _, truncated, infos = vector.step(np.stack([targets, np.full(14, np.nan)]))
+        assert "finite" in infos["error"][1] and truncated.tolist() == [False, True]
+    finally:
+        vector.close()

@@ -31,11 +31,15 @@ def register_environments() -> None:
     """Make our environments known to Gymnasium, which calls this when it is imported."""
     import gymnasium
 
-    if "fusionnet/PickPlace-v0" not in gymnasium.registry:
-        gymnasium.register(
-            "fusionnet/PickPlace-v0",
-            entry_point="fusionnet.simulation.environment:PickPlace",
-        )
+    rooms = "fusionnet.simulation"
+    homes = {"PickPlace": f"{rooms}.environment", "PickPlaceServo": f"{rooms}.servo_environment"}
+    for name, home in homes.items():
+        if f"fusionnet/{name}-v0" not in gymnasium.registry:
+            gymnasium.register(
+                f"fusionnet/{name}-v0",
+                entry_point=f"{home}:{name}",
+                vector_entry_point=f"{rooms}.vector:{name}Vector",
+            )
 
 
 def __getattr__(name: str) -> Any:

@@ -15,6 +15,7 @@ from fusionnet.corpora import Command, load_corpus
 from fusionnet.errors import InputError
 from fusionnet.randomness import derived_seed, generator
 from fusionnet.simulation.appearance import Appearance
+from fusionnet.simulation.viewer import LiveViewer
 from fusionnet.simulation.world import World
 
 LONGEST_SENTENCE = 1000
@@ -55,10 +56,14 @@ class PickPlace(gymnasium.Env[dict[str, Any], np.ndarray]):
         split: "train", "val" or "test": only the commands of this part; all if None.
         size: Width and height of the pictures, in pixels.
         varied: Whether camera, light and colours vary (domain randomisation).
-        render_mode: "rgb_array" (the external camera's picture) or None.
+        render_mode: "rgb_array" (the external camera's picture), "human" (a window that shows
+            the motion as it happens; needs a display) or None.
+
+    Raises:
+        InputError: If there is no such render mode, or no command in the split.
     """
 
-    metadata = {"render_modes": ["rgb_array"], "render_fps": 25}
+    metadata = {"render_modes": ["rgb_array", "human"], "render_fps": 25}
 
     def __init__(
         self,
@@ -70,6 +75,9 @@ class PickPlace(gymnasium.Env[dict[str, Any], np.ndarray]):
         varied: bool = False,
         render_mode: str | None = None,
     ) -> None:
+        modes = self.metadata["render_modes"]
+        if render_mode is not None and render_mode not in modes:
+            raise InputError(f"No render mode {render_mode!r}; available: {', '.join(modes)}.")
         self.robot = robots.load(robot)
         records = load_corpus(corpus, data)
         commands = records.commands if split is None else tuple(records.split(split))
@@ -95,6 +103,7 @@ class PickPlace(gymnasium.Env[dict[str, Any], np.ndarray]):
         self._world: World | None = None
         self._command: Command | None = None
         self._expected: Layout | None = None
+        self._viewer: LiveViewer | None = None
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -117,7 +126,10 @@ class PickPlace(gymnasium.Env[dict[str, Any], np.ndarray]):
         if self.varied:
             drawn = derived_seed(int(self.np_random.integers(2**31)), "look")
             look = Appearance.sample(generator(drawn))
+        self.close()
         self._world = World(self.robot, before, look)
+        if self.render_mode == "human":
+            self._viewer = self._world.watch()
         self._expected = apply(plan(command.tree, before), before)
         return self._observation(), {"command": command.id}
 
@@ -142,9 +154,15 @@ class PickPlace(gymnasium.Env[dict[str, Any], np.ndarray]):
 
     def render(self) -> UInt8[np.ndarray, "h w 3"] | None:
         """The external camera's picture, in the mode "rgb_array"."""
-        if self.render_mode is None or self._world is None:
+        if self.render_mode != "rgb_array" or self._world is None:
             return None
         return self._world.image("external", self.size)
+
+    def close(self) -> None:
+        """Close the window, if there is one."""
+        if self._viewer is not None:
+            self._viewer.close()
+            self._viewer = None
 
     def _observation(self) -> dict[str, Any]:
         assert self._world is not None and self._command is not None

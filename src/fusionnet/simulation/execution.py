@@ -94,14 +94,9 @@ class Execution:
 
     def settle(self) -> None:
         """Wait until everything rests (at most 1.5 seconds)."""
-        velocities = self.hand.physics.block_velocities[:, None] + np.arange(6)
-        held = self.hand.held
         for _ in range(15):
             self.hand.wait(0.1)
-            speeds = np.abs(self.hand.data.qvel[velocities]).max(axis=1, initial=0.0)
-            if held is not None:
-                speeds[held] = 0.0
-            if speeds.max(initial=0.0) < 5e-3:
+            if self.hand.at_rest():
                 break
 
     def story(

@@ -23,6 +23,9 @@ PUSH_LIMIT = 3.0
 PUSH_SECONDS = 0.02
 """Time over which pushing is averaged: a block that yields is knocked aside, a tower is not."""
 
+REST_SPEED = 5e-3
+"""A block that moves and turns slower than this rests, in m/s and rad/s."""
+
 FRAMES_PER_SECOND = 25
 """Of recorded states."""
 
@@ -59,6 +62,11 @@ class Hand:
     def posture(self) -> Float[np.ndarray, " n"]:
         """The arm's joints now."""
         return self.data.qpos[self.physics.arm].copy()
+
+    @property
+    def target(self) -> Float[np.ndarray, " n"]:
+        """Where the arm's joints were last told to be."""
+        return self.data.ctrl[self.physics.arm_actuators].copy()
 
     @property
     def pinch(self) -> Float[np.ndarray, "3"]:
@@ -108,6 +116,14 @@ class Hand:
         """Let time pass."""
         for _ in range(round(seconds / TIME_STEP)):
             self._step()
+
+    def at_rest(self) -> bool:
+        """Whether no block moves, but for the one in the hand."""
+        velocities = self.physics.block_velocities[:, None] + np.arange(6)
+        speeds = np.abs(self.data.qvel[velocities]).max(axis=1, initial=0.0)
+        if self.held is not None:
+            speeds[self.held] = 0.0
+        return bool(speeds.max(initial=0.0) < REST_SPEED)
 
     def push(self) -> float:
         """Force with which the hand, or the block in it, pushes on something, in newtons."""

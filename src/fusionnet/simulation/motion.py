@@ -44,6 +44,14 @@ class Motion:
         return len(self.positions)
 
 
+def even_motion(start: Posture, end: Posture, seconds: float, step: float) -> Motion:
+    """At one speed from a posture to another, as a controller's targets go."""
+    count = max(1, round(seconds / step))
+    share = np.arange(1, count + 1)[:, None] / count
+    speed = (end - start) / (count * step)
+    return Motion(start + share * (end - start), np.repeat(speed[None], count, axis=0))
+
+
 class PathPlanner:
     """Finds postures along straight lines of the pinch.
 

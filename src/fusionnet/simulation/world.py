@@ -16,8 +16,8 @@ from fusionnet.simulation.appearance import Appearance
 from fusionnet.simulation.episode import Episode, Recording, judge, measured_layout
 from fusionnet.simulation.execution import Execution
 from fusionnet.simulation.hand import Hand
-from fusionnet.simulation.motion import PathPlanner
-from fusionnet.simulation.physics import build_physics
+from fusionnet.simulation.motion import PathPlanner, even_motion
+from fusionnet.simulation.physics import TIME_STEP, build_physics
 from fusionnet.simulation.renderer import View, shared_renderer
 from fusionnet.simulation.tabletop import BlockPoses
 from fusionnet.simulation.viewer import LiveViewer
@@ -225,6 +225,44 @@ class World:
         )
         hand.frames = None
         return episode
+
+    def drive(
+        self, joint_angles: Float[np.ndarray, " n"], closed: bool, seconds: float = 0.05
+    ) -> None:
+        """Move the arm's targets evenly to a posture, and then close or open the hand.
+
+        For closed loops: the arm follows as fast as its servos can, and nothing is planned.
+
+        Args:
+            joint_angles: Where to, in radians.
+            closed: Whether the hand is to be closed then. Closing takes hold of a block within
+                the gate, as in `execute`.
+            seconds: Time that this takes.
+
+        Raises:
+            InputError: If the angles have the wrong length, are not finite, or are outside the
+                joints' limits.
+        """
+        goal = np.asarray(joint_angles, dtype=float)
+        self.robot.check_joint_angles(goal)
+        hand = self._hand
+        hand.follow(even_motion(hand.target, goal, seconds, TIME_STEP))
+        if closed and not hand.closed:
+            hand.close(0.0)
+        elif not closed and hand.closed:
+            hand.open(0.0)
+
+    @property
+    def touched(self) -> tuple[str, ...]:
+        """What the arm touched beside blocks, since the world began or an episode last did."""
+        return tuple(sorted(self._hand.touched))
+
+    def differences(self, expected: Layout) -> list[str]:
+        """What is not as expected now, in clauses; empty when all is, and rests."""
+        wrong, _ = judge(self.robot, self.blocks, self.block_poses, self._hand.held, expected)
+        if not wrong and not self._hand.at_rest():
+            wrong = ["a block still moves"]
+        return wrong
 
     def _targets(
         self, answer: Any
