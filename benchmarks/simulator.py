@@ -1,0 +1,243 @@
+"""How fast the simulator is, against named rivals, and whether it repeats and leaks.
+
+    python benchmarks/simulator.py --only episodes kinematics images memory processes
+
+Each part prints one JSON line. A speed is given as a ratio to a rival that is measured in turns
+with it in the same run, so that a busy machine slows both.
+"""
+
+import copy
+import json
+import multiprocessing
+import os
+import platform
+import resource
+import subprocess
+import time
+from dataclasses import dataclass
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import mink
+import mujoco
+import numpy as np
+import tyro
+
+from fusionnet import robots
+from fusionnet.blocks import Layout, Move, move_between, random_layout
+from fusionnet.corpora import load_corpus
+from fusionnet.randomness import generator
+from fusionnet.robots import ArmKinematics
+from fusionnet.simulation import Appearance, SceneRenderer, joint_targets, make_world
+from fusionnet.simulation.inverse_kinematics import InverseKinematics
+from fusionnet.simulation.posture import robot_posture
+from fusionnet.simulation.scenery import add_blocks, add_furniture, picture_model, set_lights
+from fusionnet.simulation.tabletop import ideal_poses
+
+
+@dataclass(frozen=True, kw_only=True)
+class Config:
+    """What to measure.
+
+    Attributes:
+        only: Parts.
+        episodes: How many episodes for speed; for memory and for determinism.
+        leak: Episodes over which memory is watched.
+        solves: Inverse kinematics.
+        images: Pictures of each renderer.
+        seed: Everything random derives from it.
+        robot: Who acts.
+    """
+
+    only: tuple[str, ...] = ("episodes", "kinematics", "images", "memory", "processes")
+    episodes: int = 50
+    leak: int = 1000
+    solves: int = 300
+    images: int = 60
+    seed: int = 0
+    robot: str = "nico"
+
+
+def jobs(config: Config, count: int) -> list[tuple[str, Layout, Move]]:
+    """Moves of the example scenes, over and over."""
+    scenes = load_corpus("examples").scenes.values()
+    pairs = [(s.before, move_between(s.before, s.after)) for s in scenes]
+    known = [(config.robot, before, move) for before, move in pairs if move is not None]
+    return [known[i % len(known)] for i in range(count)]
+
+
+def episode(job: tuple[str, Layout, Move]) -> tuple[float, float, list[float]]:
+    """Processor seconds, simulated seconds, and where every block ended, for one episode."""
+    robot, layout, move = job
+    begin = time.process_time()
+    world = make_world(robot, layout=layout)
+    done = world.execute(joint_targets(robot, move))
+    used = time.process_time() - begin
+    return used, done.seconds, [*world.block_poses.positions.ravel(), *world.joint_angles]
+
+
+def episodes(config: Config) -> dict[str, Any]:
+    """Episodes a second of one core, without pictures."""
+    used, simulated, _ = zip(*map(episode, jobs(config, config.episodes)), strict=True)
+    return {
+        "episodes": config.episodes,
+        "episodes_per_core_second": round(len(used) / sum(used), 2),
+        "times_real_time": round(sum(simulated) / sum(used), 1),
+    }
+
+
+def kinematics(config: Config) -> dict[str, Any]:
+    """Ours (several starts, tilt limit, typed failure) against mink's loop alone."""
+    robot = robots.load(config.robot)
+    rng = generator(config.seed, "kinematics")
+    cells = rng.integers(0, 8, (config.solves, 3))
+    targets = [robot.pinch_position(cell) + rng.uniform(-0.01, 0.01, 3) for cell in cells]
+    ours, start = InverseKinematics(robot), robot.poses["ready"]
+    arm = ArmKinematics(robot)
+    configuration = mink.Configuration(arm.model)
+    task = mink.FrameTask("pinch", "site", position_cost=100.0, orientation_cost=0.0)
+    limits = [mink.ConfigurationLimit(arm.model)]
+    joints = [arm.model.joint(name).qposadr[0] for name in robot.joint_names]
+    seconds = {"ours": 0.0, "mink": 0.0}
+    reached = {"ours": 0, "mink": 0}
+    for target in targets:
+        begin = time.process_time()
+        found = ours.solve(target, start=start)
+        seconds["ours"] += time.process_time() - begin
+        miss = np.linalg.norm(arm.robot_from_pinch(found)[:3, 3] - target)
+        reached["ours"] += int(miss < 1e-4)
+
+        begin = time.process_time()
+        pose = np.eye(4)
+        pose[:3, 3] = target
+        task.set_target(mink.SE3.from_matrix(pose))
+        values = configuration.q.copy()
+        values[joints] = start
+        configuration.update(values)
+        miss = np.inf
+        for _ in range(60):
+            miss = float(np.linalg.norm(task.compute_error(configuration)[:3]))
+            if miss < 1e-5:
+                break
+            velocity = mink.solve_ik(
+                configuration, [task], 1.0, "daqp", damping=1e-3, limits=limits
+            )
+            configuration.integrate_inplace(np.clip(velocity, -0.5, 0.5), 1.0)
+        seconds["mink"] += time.process_time() - begin
+        reached["mink"] += int(miss < 1e-4)
+    table = time.process_time()
+    for cell in cells:
+        robot.joint_angles(cell)
+    table = time.process_time() - table
+    return {
+        "solves": config.solves,
+        "solves_per_second": {n: round(config.solves / s, 1) for n, s in seconds.items()},
+        "ratio_to_mink_alone": round(seconds["mink"] / seconds["ours"], 3),
+        "within_0.1_mm": {n: round(r / config.solves, 4) for n, r in reached.items()},
+        "table_lookups_per_second": round(config.solves / table),
+    }
+
+
+def images(config: Config) -> dict[str, Any]:
+    """Processor time of pictures: ours against `mujoco.Renderer` with MuJoCo's default quality.
+
+    Both draw the same robot, lights, table, board and blocks.
+    """
+    size = (960, 540)
+    layout = random_layout(generator(config.seed, "images"))
+    ours = SceneRenderer(config.robot, size)
+    robot, look = ours.robot, Appearance()
+    model = copy.copy(picture_model(config.robot, size))
+    default = mujoco.MjModel.from_xml_string("<mujoco/>").vis.quality
+    for setting in ("shadowsize", "offsamples", "numslices", "numstacks"):
+        setattr(model.vis.quality, setting, getattr(default, setting))
+    data = mujoco.MjData(model)
+    data.qpos[:] = robot_posture(model, robot, layout)
+    mujoco.mj_forward(model, data)
+    rival = mujoco.Renderer(model, size[1], size[0], max_geom=2000)
+    poses = ideal_poses(layout.blocks, robot.robot_from_board)
+
+    def draw_by_default() -> np.ndarray:
+        rival.update_scene(data, camera="left_eye")
+        set_lights(rival.scene, look, robot.robot_from_board)
+        add_furniture(rival.scene, robot, look)
+        add_blocks(rival.scene, model, layout.blocks, poses, look)
+        return rival.render()
+
+    ways = {
+        "mujoco_default": draw_by_default,
+        "ours": lambda: ours.view(layout, labels=False).image,
+        "ours_with_boxes": lambda: ours.view(layout).image,
+        "ours_with_masks_and_depth": lambda: ours.view(layout, masks=True, depth=True).image,
+    }
+    seconds = dict.fromkeys(ways, 0.0)
+    # The first picture of each loads its shapes; nearly the same picture must come out of both.
+    first = [way().astype(float) for way in ways.values()]
+    difference = float(np.abs(first[0] - first[1]).mean())
+    for _ in range(config.images):
+        for name, way in ways.items():
+            begin = time.process_time()
+            way()
+            seconds[name] += time.process_time() - begin
+    rival.close()
+    return {
+        "size": size,
+        "blocks": len(layout.blocks),
+        "shadow_map": {"mujoco_default": default.shadowsize, "ours": 1024},
+        "samples": {"mujoco_default": default.offsamples, "ours": 0},
+        "mean_difference_of_a_pixel": round(difference, 2),
+        "milliseconds": {n: round(1000 * s / config.images, 1) for n, s in seconds.items()},
+        "times_as_fast_as_mujoco_default": {
+            n: round(seconds["mujoco_default"] / s, 2) for n, s in seconds.items()
+        },
+    }
+
+
+def memory(config: Config) -> dict[str, Any]:
+    """Resident memory while episodes follow each other in one process."""
+    page = resource.getpagesize()
+    seen = []
+    for index, job in enumerate(jobs(config, config.leak)):
+        episode(job)
+        if (index + 1) % max(1, config.leak // 10) == 0:
+            pages = int(Path("/proc/self/statm").read_text().split()[1])
+            seen.append(round(pages * page / 2**20, 1))
+    return {
+        "episodes": config.leak,
+        "resident_mib": seen,
+        "growth_after_the_first_tenth": round(seen[-1] / seen[0] - 1.0, 4),
+    }
+
+
+def processes(config: Config) -> dict[str, Any]:
+    """Whether two processes end bit for bit where one does."""
+    work = jobs(config, config.episodes)
+    alone = [episode(job)[2] for job in work]
+    with multiprocessing.get_context("spawn").Pool(2) as pool:
+        shared = [done[2] for done in pool.map(episode, work, chunksize=3)]
+    return {"episodes": len(work), "identical": alone == shared}
+
+
+def main(config: Config) -> None:
+    parts = {f.__name__: f for f in (episodes, kinematics, images, memory, processes)}
+    commit = subprocess.run(
+        ["git", "rev-parse", "--short", "HEAD"], capture_output=True, text=True, check=False
+    )
+    around = {
+        "robot": config.robot,
+        "seed": config.seed,
+        "commit": commit.stdout.strip(),
+        "processor": platform.processor() or platform.machine(),
+        "cores": os.cpu_count(),
+        **{name: version(name) for name in ("mujoco", "mink", "numpy")},
+    }
+    for name in config.only:
+        begin = time.perf_counter()
+        found = parts[name](config)
+        took = round(time.perf_counter() - begin, 1)
+        print(json.dumps({"part": name, **found, **around, "seconds": took}), flush=True)
+
+
+if __name__ == "__main__":
+    main(tyro.cli(Config))
