@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import dataclass
+from pathlib import Path
 
 import mujoco
 import numpy as np
@@ -239,6 +240,22 @@ def test_the_same_targets_give_the_same_trajectory():
     np.testing.assert_array_equal(one.recording.postures, other.recording.postures)
     np.testing.assert_array_equal(one.recording.positions, other.recording.positions)
     assert one.as_json() == other.as_json()
+
+
+@pytest.mark.skipif(not Path("/proc/self/statm").exists(), reason="reads Linux's own account")
+def test_worlds_that_are_done_leave_no_memory_behind():
+    """The long version is `benchmarks/simulator.py --only memory`, over 1,000 episodes."""
+
+    def resident() -> int:
+        return int(Path("/proc/self/statm").read_text().split()[1])
+
+    layout, move = Layout((block("cube_red", 3, 3, 0),)), Move(Cell(3, 3, 0), Cell(4, 4, 0))
+    for _ in range(5):
+        do(layout, move)
+    before = resident()
+    for _ in range(15):
+        do(layout, move)
+    assert resident() < 1.05 * before
 
 
 def test_sleeping_blocks_end_where_waking_ones_do(monkeypatch):
