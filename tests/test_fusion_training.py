@@ -9,14 +9,22 @@ from hypothesis import strategies as st
 
 from fusionnet.blocks import Layout, plan, random_layout, validate
 from fusionnet.corpora import load_corpus
-from fusionnet.errors import DataError, InputError
+from fusionnet.errors import DataError, InputError, RenderingError
 from fusionnet.models.fusionnet import FusionNet
+from fusionnet.models.retinanet import RetinaNet
 from fusionnet.rcl import Action, events, format
+from fusionnet.simulation import SceneRenderer
 from fusionnet.training.fusion import FusionConfig, draw_batch, train
 from fusionnet.training.loop import LoopConfig
 from fusionnet.training.planned_examples import PlannedExamples
-from fusionnet.training.reader_outputs import load_reader_outputs, save_reader_outputs
+from fusionnet.training.reader_outputs import (
+    collect_reader_outputs,
+    load_reader_outputs,
+    save_reader_outputs,
+)
 from fusionnet.training.simulated_readings import cells_of, exact_readings, simulated_readings
+
+DETECTOR = Path(__file__).resolve().parent.parent / "src/fusionnet/weights/compact/detector"
 
 
 @pytest.fixture(scope="module")
@@ -101,7 +109,7 @@ def test_real_readings_can_be_kept_and_trained_on(
         kept, kept_holding = outputs.reading(place)
         assert np.allclose(kept, occupancy[place], atol=1e-3)
         assert kept_holding == pytest.approx(float(holding[place]), abs=1e-3)
-    config = FusionConfig(batch=8, readings_share=0.5)
+    config = FusionConfig(batch=8, read_share=0.5)
     batch = draw_batch(examples, outputs, config, 0)
     assert batch.occupancy.shape == (8, 8, 8, 8, 17)
     half = batch.occupancy[:4].numpy()
@@ -109,6 +117,31 @@ def test_real_readings_can_be_kept_and_trained_on(
         np.abs(half[i] - outputs.occupancy.reshape(-1, 8, 8, 8, 17)).max((1, 2, 3, 4)).min() < 1e-6
         for i in range(4)
     )
+
+
+def test_a_readers_outputs_are_collected_from_rendered_pictures(tmp_path: Path) -> None:
+    try:
+        SceneRenderer("nico")
+    except RenderingError as error:
+        pytest.skip(f"no pictures here: {error}")
+    seen = []
+    file = tmp_path / "outputs.npz"
+    collect_reader_outputs(
+        file,
+        RetinaNet.from_folder(DETECTOR),
+        [command.scene.before for command in load_corpus("examples").commands],
+        count=2,
+        seed=0,
+        progress=lambda done, count: seen.append((done, count)),
+    )
+    outputs = load_reader_outputs(file)
+    assert seen == [(1, 2), (2, 2)]
+    for place in range(2):
+        validate(outputs.layout(place))
+        read, _ = outputs.reading(place)
+        truth = outputs.cells[place].reshape(8, 8, 8)
+        filled = truth != 16
+        assert np.take_along_axis(read, truth[..., None], -1)[..., 0][filled].mean() > 0.5
 
 
 def test_damaged_readings_are_refused(tmp_path: Path) -> None:

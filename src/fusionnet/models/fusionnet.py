@@ -42,6 +42,10 @@ MICRO = 1e-6
 """Joint tables are stored as whole micro-radians, which no half precision touches."""
 
 
+UNUSUAL = 0.1
+"""Share of what is spoken of that is found less surely than usual."""
+
+
 @dataclass(frozen=True)
 class FusionAnswer:
     """What the network answers to a picture's reading and a sentence's trees.
@@ -54,6 +58,7 @@ class FusionAnswer:
         target_cell: Index of the cell of the place.
         confidence: Probability of the two cells together.
         ends_held: Probability that the block stays in the hand.
+        evidence: How surely the layout has what the reading speaks of, against the usual, 0 to 1.
         weights: Probability of each reading that makes sense, after looking at the layout.
         reading: Index, among the given readings, of the one that decided.
         attention: For each entity of the likeliest reading, its words and how
@@ -67,6 +72,7 @@ class FusionAnswer:
     target_cell: int
     confidence: float
     ends_held: float
+    evidence: float
     weights: tuple[float, ...]
     reading: int
     attention: list[tuple[str, Float[np.ndarray, "512"]]]
@@ -158,6 +164,8 @@ class FusionNet(nn.Module):
         - `grasp`, `place`: cross-entropy of the cells with the indices `source`, `target`
         - `holds`: binary cross-entropy of the block ending held
         - `joints`: mean squared error of the fourteen scaled values (thesis 4.3.2)
+        - `evidence`: quantile loss of how surely what is spoken of is usually found;
+          it moves nothing else
         """
         execution, ends = self.execute(programs, occupancy, holding)
         wanted = programs.ends_held.float()
@@ -171,6 +179,7 @@ class FusionNet(nn.Module):
             "place": nll_loss(execution.target, target),
             "holds": binary_cross_entropy_with_logits(ends, wanted),
             "joints": mse_loss(expected, truth),
+            "evidence": _quantile_loss(execution.found.detach() - execution.usual),
         }
 
     @torch.inference_mode()
@@ -202,7 +211,9 @@ class FusionNet(nn.Module):
         held = torch.full((len(programs),), float(holding))
         expanded = cells.expand(len(programs), -1, -1, -1, -1)
         execution, ends = self.execute(packed, expanded, held)
-        weight = weights * self._evidence(packed, programs, execution, float(holding))
+        possible = torch.where(packed.held == Held.YES, held, 1 - held)
+        possible = torch.where(packed.held == Held.IF_ANY, 1.0, possible).clamp(min=1e-3)
+        weight = weights * possible * execution.evidence + 1e-12
         weight = weight / weight.sum()
         source, target = execution.source.exp(), execution.target.exp()
         pair = torch.einsum("k,ki,kj->ij", weight, source, target)
@@ -227,26 +238,11 @@ class FusionNet(nn.Module):
             target_cell=target_cell,
             confidence=float(pair[source_cell, target_cell]),
             ends_held=float(ends_held),
+            evidence=float(execution.evidence[likeliest]),
             weights=tuple(weight.tolist()),
             reading=kept[likeliest],
             attention=attention,
         )
-
-    def _evidence(
-        self,
-        packed: PackedPrograms,
-        programs: Sequence[TreeProgram],
-        execution: Execution,
-        holding: float,
-    ) -> Float[Tensor, " k"]:
-        """How likely the layout has everything that each program speaks of."""
-        exists = execution.steps.amax(1)
-        of_program = torch.tensor([example for example, _ in packed.order])
-        evidence = torch.zeros(len(programs)).index_add(0, of_program, exists).exp()
-        possible = torch.where(
-            packed.held == Held.NO, 1 - holding, torch.where(packed.held == Held.YES, holding, 1.0)
-        )
-        return evidence * possible.clamp(min=1e-3) + 1e-12
 
     def _sharpened(self, mass: Float[Tensor, "512"], cell: int) -> Float[Tensor, "1 512"]:
         """A distribution on a cell and its neighbours, its weights raised to the eighth power."""
@@ -289,6 +285,11 @@ class FusionNet(nn.Module):
             raise CheckpointError(f"The configuration in {folder} is not valid: {error}") from error
         restore(model, checkpoint.tensors, Path(folder))
         return model.eval()
+
+
+def _quantile_loss(above: Float[Tensor, " m"]) -> Float[Tensor, ""]:
+    """Least where a share of `UNUSUAL` is below zero."""
+    return torch.where(above > 0, UNUSUAL * above, (UNUSUAL - 1) * above).mean()
 
 
 def _programs_of(

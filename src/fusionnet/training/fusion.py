@@ -21,12 +21,21 @@ from fusionnet.blocks import Move, plan
 from fusionnet.corpora import Command, load_corpus
 from fusionnet.errors import InputError
 from fusionnet.models.fusionnet import FusionNet, compact
+from fusionnet.models.retinanet import RetinaNet
 from fusionnet.models.tree_program import PackedPrograms, compile_tree, pack
 from fusionnet.randomness import generator
 from fusionnet.training.loop import LoopConfig, fit
 from fusionnet.training.planned_examples import Example, PlannedExamples
-from fusionnet.training.reader_outputs import ReaderOutputs, load_reader_outputs
-from fusionnet.training.simulated_readings import cells_of, exact_readings, simulated_readings
+from fusionnet.training.reader_outputs import (
+    ReaderOutputs,
+    collect_reader_outputs,
+    load_reader_outputs,
+)
+from fusionnet.training.simulated_readings import (
+    cells_of,
+    exact_readings,
+    simulated_readings,
+)
 
 log = logging.getLogger(__name__)
 
@@ -36,7 +45,13 @@ _RECENT = 40
 Progress = Callable[[int, int, Any], None]
 
 
-LOSS_WEIGHTS = {"grasp": 1.0, "place": 1.0, "holds": 0.1, "joints": 3.0}
+LOSS_WEIGHTS = {
+    "grasp": 1.0,
+    "place": 1.0,
+    "holds": 0.1,
+    "joints": 3.0,
+    "evidence": 0.3,
+}
 """Factors of the named losses."""
 
 
@@ -52,8 +67,10 @@ class FusionConfig:
         robot: Name of the robot whose joint table is used.
         batch: Examples a step.
         exact: Share of the simulated readings that are without doubt.
-        readings: A file of a real reader's outputs (`reader_outputs`), to train on as well.
-        readings_share: Share of the examples that are drawn from it.
+        reader: Folder of a trained detector, to learn from its readings of pictures as well;
+            they are kept in `work`.
+        pictures: How many pictures it reads.
+        read_share: Share of the examples whose layout it read.
         loop: Steps and schedule.
         seed: Source of all randomness.
         threads: Of PyTorch; the tensors are small, more than one gains little.
@@ -66,11 +83,12 @@ class FusionConfig:
     robot: str = "nico"
     batch: int = 64
     exact: float = 0.2
-    readings: Path | None = None
-    readings_share: float = 0.4
+    reader: Path | None = None
+    pictures: int = 3000
+    read_share: float = 0.4
     loop: LoopConfig = field(
         default_factory=lambda: LoopConfig(
-            steps=1500,
+            steps=2000,
             learning_rate=0.04,
             weight_decay=0.0,
             average=0.998,
@@ -86,8 +104,8 @@ class FusionConfig:
             raise InputError(
                 f"batch and threads must be at least 1, not {self.batch} and {self.threads}."
             )
-        if not (0 <= self.exact <= 1 and 0 <= self.readings_share <= 1):
-            raise InputError("exact and readings_share are shares: they go from 0 to 1.")
+        if not (0 <= self.exact <= 1 and 0 <= self.read_share <= 1):
+            raise InputError("exact and read_share are shares: they go from 0 to 1.")
 
 
 class FusionBatch(NamedTuple):
@@ -101,11 +119,22 @@ class FusionBatch(NamedTuple):
     begins: Float[Tensor, " b"]
 
 
-def train(config: FusionConfig, progress: Progress | None = None) -> dict[str, Any]:
+def train(
+    config: FusionConfig,
+    progress: Progress | None = None,
+    rendering: Callable[[int, int], None] | None = None,
+) -> dict[str, Any]:
     """Train, write the checkpoint, and return what it can do on val and test groups.
 
+    Args:
+        config: How to train.
+        progress: Called after every step with step, steps and the latest log line.
+        rendering: Called after every picture that the reader reads, with pictures read
+            and pictures in all.
+
     Raises:
-        DataError: If the treebank or the readings are missing or damaged.
+        DataError: If the treebank is missing or damaged.
+        CheckpointError: If the reader is missing or damaged.
         OutputError: If the checkpoint cannot be written.
     """
     torch.set_num_threads(config.threads)
@@ -115,7 +144,7 @@ def train(config: FusionConfig, progress: Progress | None = None) -> dict[str, A
     if not learnt:
         raise InputError(f"The corpus {config.corpus!r} has no training groups to learn from.")
     examples = PlannedExamples(learnt)
-    outputs = load_reader_outputs(config.readings) if config.readings is not None else None
+    outputs = None if config.reader is None else _reader_outputs(config, learnt, rendering)
     model = compact(config.robot)
 
     def batches(first: int) -> Iterator[FusionBatch]:
@@ -125,12 +154,34 @@ def train(config: FusionConfig, progress: Progress | None = None) -> dict[str, A
     fit(model, batches, _losses, config.loop, folder=config.work, progress=progress)
     metrics = evaluate_cells(model, {p: corpus.split(p) for p in ("val", "test")}, config.seed)
     metrics["minutes"] = round((time.monotonic() - began) / 60, 1)
-    here = ("out", "work", "data", "readings")
+    here = ("out", "work", "data", "reader", "pictures")
     stated = {key: value for key, value in asdict(config).items() if key not in here}
-    stated["readings"] = len(outputs) if outputs is not None else 0
+    stated["pictures"] = len(outputs) if outputs is not None else 0
     model.save(config.out, {"training": stated, "metrics": metrics})
     log.info("fusion part trained: %s", metrics)
     return metrics
+
+
+def _reader_outputs(
+    config: FusionConfig,
+    learnt: Sequence[Command],
+    rendering: Callable[[int, int], None] | None,
+) -> ReaderOutputs:
+    """What the reader says of pictures of varied layouts of the training groups."""
+    assert config.reader is not None
+    file = config.work / "reader_outputs.npz"
+    if not file.is_file():
+        layouts = {id(s): s for c in learnt for s in (c.scene.before, c.scene.after)}
+        collect_reader_outputs(
+            file,
+            RetinaNet.from_folder(config.reader),
+            list(layouts.values()),
+            count=config.pictures,
+            seed=config.seed,
+            robot=config.robot,
+            progress=rendering,
+        )
+    return load_reader_outputs(file)
 
 
 def _losses(network: Any, batch: FusionBatch) -> dict[str, Tensor]:
@@ -154,7 +205,7 @@ def draw_batch(
     recent = range(max(0, (step - _RECENT) * new), (step + 1) * new)
     drawn: list[Example] = []
     read: list[tuple[np.ndarray, float]] = []
-    while outputs is not None and len(drawn) < round(config.readings_share * config.batch):
+    while outputs is not None and len(drawn) < round(config.read_share * config.batch):
         place = int(rng.integers(len(outputs)))
         example = examples.draw_on(outputs.layout(place), rng)
         if example is not None:
@@ -213,7 +264,10 @@ def evaluate_cells(
 
 @torch.inference_mode()
 def cells_right(
-    model: FusionNet, commands: Sequence[Command], occupancy: np.ndarray, holding: np.ndarray
+    model: FusionNet,
+    commands: Sequence[Command],
+    occupancy: np.ndarray,
+    holding: np.ndarray,
 ) -> Float[np.ndarray, " n"]:
     """Whether grasp cell and place cell are both the planner's, for each command."""
     right = np.zeros(len(commands))

@@ -7,12 +7,12 @@ One `.npz` without pickles:
 - `cells` (n, 512) uint8: the true class of each cell, 16 for empty
 - `held` (n) int16: index of the held block's cell, or -1
 
-Write it with `save_reader_outputs`, for pictures of training groups only.
+`collect_reader_outputs` renders such pictures from layouts of training groups.
 """
 
 import os
 import zipfile
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -21,7 +21,11 @@ from jaxtyping import Float, Integer
 
 from fusionnet.blocks import Layout
 from fusionnet.blocks.plausibility import CELLS, CLASSES, layout_from_classes
+from fusionnet.dataset.layouts import varied_layout
 from fusionnet.errors import DataError, OutputError
+from fusionnet.models.retinanet import RetinaNet
+from fusionnet.randomness import generator
+from fusionnet.simulation import Appearance, SceneRenderer
 from fusionnet.training.simulated_readings import cells_of
 
 _SHAPES = {
@@ -82,6 +86,50 @@ def save_reader_outputs(
     except OSError as error:
         aside.unlink(missing_ok=True)
         raise OutputError(f"Cannot write the readings {file}: {error}") from error
+
+
+def collect_reader_outputs(
+    file: Path,
+    reader: RetinaNet,
+    real: Sequence[Layout],
+    *,
+    count: int,
+    seed: int,
+    robot: str = "nico",
+    progress: Callable[[int, int], None] | None = None,
+) -> None:
+    """Render varied layouts through the robot's eye and keep what a reader says of them.
+
+    Args:
+        file: Where to keep it.
+        reader: What reads the pictures.
+        real: Layouts of training groups, to be varied.
+        count: How many pictures.
+        seed: Of the layouts and of how they look; not that of the reader's own pictures.
+        robot: Whose left eye looks.
+        progress: Called with pictures done and pictures in all.
+
+    Raises:
+        RenderingError: If pictures cannot be rendered here.
+        OutputError: If the file cannot be written.
+    """
+    renderer = SceneRenderer(robot)
+    layouts, occupancy, holding = [], [], []
+    for index in range(count):
+        rng = generator(seed, "reader output", index)
+        layouts.append(varied_layout(rng, real, invented=0.1))
+        view = renderer.view(
+            layouts[-1],
+            camera="left_eye",
+            appearance=Appearance.sample(rng),
+            labels=False,
+        )
+        sight = reader.see(view.image)
+        occupancy.append(sight.cells.astype(np.float16))
+        holding.append(sight.holding)
+        if progress is not None:
+            progress(index + 1, count)
+    save_reader_outputs(file, np.stack(occupancy), np.array(holding), layouts)
 
 
 def load_reader_outputs(file: Path) -> ReaderOutputs:

@@ -25,7 +25,14 @@ from torch import Tensor, nn
 from torch.nn.functional import embedding_bag, logsigmoid
 
 from fusionnet.blocks.grid import GRID
-from fusionnet.models.soft_layout import CELLS, CLASSES, COLORS, COLUMNS, FLOOR, SoftLayout
+from fusionnet.models.soft_layout import (
+    CELLS,
+    CLASSES,
+    COLORS,
+    COLUMNS,
+    FLOOR,
+    SoftLayout,
+)
 from fusionnet.models.tree_program import (
     ATTRIBUTES,
     NOTHING,
@@ -76,11 +83,24 @@ class Execution:
         source: Log probabilities of the cell that the block is taken from.
         target: Log probabilities of the cell where it goes.
         steps: For each step of the pack, log of how likely each cell belongs to it.
+        found: Log likelihood of the likeliest cell of each step, then of each example's place.
+        usual: What `found` is at least, usually, where the command can be executed.
+        example: The example that each of them belongs to.
     """
 
     source: Float[Tensor, "b 512"]
     target: Float[Tensor, "b 512"]
     steps: Float[Tensor, "n 512"]
+    found: Float[Tensor, " m"]
+    usual: Float[Tensor, " m"]
+    example: Int[Tensor, " m"]
+
+    @property
+    def evidence(self) -> Float[Tensor, " b"]:
+        """How likely the layout has all that each example speaks of, 0 to 1."""
+        lacking = (self.found - self.usual).clamp(max=0)
+        none = lacking.new_zeros(len(self.source))
+        return none.index_add(0, self.example, lacking).exp()
 
 
 class TreeExecutor(nn.Module):
@@ -110,6 +130,8 @@ class TreeExecutor(nn.Module):
         self.register_buffer("straight", straight, persistent=False)
         self.bend = nn.Parameter(torch.zeros(len(RANKINGS), SPAN**2))
         self.ranking = nn.Parameter(torch.tensor([30.0, 3.0, 3.0]).log())
+        self.usual = nn.Parameter(torch.zeros(attributes, 1))
+        self.usual_place = nn.Parameter(torch.zeros(len(Goal)))
         self.lift = nn.Parameter(torch.zeros(GRID, GRID))
         place = torch.arange(COLUMNS)
         step = torch.stack([place // GRID, place % GRID])
@@ -139,7 +161,16 @@ class TreeExecutor(nn.Module):
             done.append(self._ground(level, layout, found))
             found = torch.cat(done)
         source = found[programs.source].log_softmax(1)
-        return Execution(source, self._target(programs, layout, source, found), found)
+        place = self._target(programs, layout, source, found)
+        usual = [_bag(self.usual, (p.attributes, p.attribute_offsets)) for p in programs.levels]
+        return Execution(
+            source=source,
+            target=place.log_softmax(1),
+            steps=found,
+            found=torch.cat([found.amax(1), place.amax(1)]),
+            usual=torch.cat([*(u[:, 0] for u in usual), self.usual_place[programs.goal]]),
+            example=torch.cat([*(p.example for p in programs.levels), _numbers(programs.goal)]),
+        )
 
     def _ground(
         self, level: PackedLevel, layouts: SoftLayout, found: Float[Tensor, "k 512"]
@@ -286,7 +317,10 @@ class TreeExecutor(nn.Module):
         return torch.zeros_like(log_set).scatter(1, cell, none)
 
     def _displaced(
-        self, table: Float[Tensor, "m s"], steps: Int[Tensor, "p q"], place: Int[Tensor, "m k"]
+        self,
+        table: Float[Tensor, "m s"],
+        steps: Int[Tensor, "p q"],
+        place: Int[Tensor, "m k"],
     ) -> Float[Tensor, "m k q"]:
         """Values of a table of displacements from each member's place to all places."""
         index = steps[place].flatten(1)
@@ -299,7 +333,7 @@ class TreeExecutor(nn.Module):
         source: Float[Tensor, "b 512"],
         found: Float[Tensor, "n 512"],
     ) -> Float[Tensor, "b 512"]:
-        """Log probabilities of the place."""
+        """Log likelihood of each cell as the place."""
         column = source.exp().unflatten(1, (COLUMNS, GRID))
         from_column = column.sum(2, keepdim=True).expand_as(column).flatten(1)
         target = _log(layouts.landing)
@@ -312,13 +346,19 @@ class TreeExecutor(nn.Module):
             target = target + related + _log(1 - from_column * stood[:, None])
         goal = programs.goal[:, None]
         target = torch.where(goal == Goal.DOWN, down, target)
-        return torch.where(goal == Goal.LIFT, lift, target).log_softmax(1)
+        return torch.where(goal == Goal.LIFT, lift, target)
 
 
-def _members(log_set: Float[Tensor, "m 512"]) -> tuple[Float[Tensor, "m k"], Int[Tensor, "m k"]]:
+def _members(
+    log_set: Float[Tensor, "m 512"],
+) -> tuple[Float[Tensor, "m k"], Int[Tensor, "m k"]]:
     """The likeliest members of each set, relative to the likeliest one, and their cells."""
     log_member, cell = log_set.topk(CANDIDATES, dim=1)
     return log_member - log_member[:, :1], cell
+
+
+def _numbers(rows: Tensor) -> Int[Tensor, " n"]:
+    return torch.arange(len(rows), device=rows.device)
 
 
 def _columns(cells: Float[Tensor, "n 512"]) -> Float[Tensor, "n 64 8"]:
