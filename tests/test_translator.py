@@ -44,7 +44,7 @@ from fusionnet.models.tree_symbols import (
     symbols_of,
     tree_of,
 )
-from fusionnet.rcl import Color, format, parse
+from fusionnet.rcl import Color, describe, format, parse
 from fusionnet.sentences import Vocabulary, edits, words_of
 from fusionnet.sentences.phrases import COLOR_PHRASES
 from fusionnet.training.aligned_sentences import AlignedSentence, aligned, entity_parts
@@ -568,6 +568,15 @@ def test_put_means_move_or_drop_by_the_gripper_s_state(shipped):
     assert actions == {True: "drop", False: "move"}
     both = {r.tree.action.value for r in shipped.translate(sentence)[:2]}
     assert both == {"drop", "move"}
+
+
+@pytest.mark.parametrize("sentence", ["drop it", "put it down", "please drop it"])
+def test_the_held_block_may_be_dropped_by_its_pronoun(shipped, sentence):
+    found = grounded(shipped.translate(sentence, holding=True), HELD)
+    assert (found.move.source, found.move.target) == (Cell(3, 3, 5), Cell(3, 3, 0))
+    assert describe(found.reading.tree) == "Put it down."
+    with pytest.raises(PlanningError):
+        grounded(shipped.translate(sentence, holding=False), FREE)
 
 
 def test_case_and_punctuation_do_not_matter(shipped):

@@ -95,6 +95,8 @@ def _moved_block(event: Event, grounding: Grounding, held: bool) -> Block:
         assert holds is not None
         if action is Action.TAKE:
             raise PlanningError(f"The gripper already holds {_the(holds).lower()}.")
+        if entity.type.value is Type.REFERENCE:  # "drop it": what is in the hand
+            return holds
         try:
             found = grounding.find(entity, among=[holds])
         except PlanningError:

@@ -103,7 +103,7 @@ def _event(event: Event) -> str:
     words = {Action.MOVE: "move", Action.TAKE: "pick up", Action.DROP: "put down"}
     said = f"{words[event.action.value]} {_entity(event.entity)}"
     if event.destination is None:
-        return said
+        return "put it down" if said == "put down it" else said
     if event.action.value is Action.DROP:
         said = f"put {_entity(event.entity)}"
     return f"{said} {describe_relation(event.destination, destination=True)}"
