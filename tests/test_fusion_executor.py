@@ -11,8 +11,10 @@ from fusionnet.blocks.plausibility import PlausibleLayouts
 from fusionnet.corpora import load_corpus
 from fusionnet.errors import PlanningError
 from fusionnet.models.fusers.tree_executor import TreeExecutor
+from fusionnet.models.program_pack import pack
+from fusionnet.models.program_values import Goal, Held, Kind
 from fusionnet.models.soft_layout import soft_layout
-from fusionnet.models.tree_program import Goal, Held, Kind, compile_tree, pack
+from fusionnet.models.tree_program import compile_tree
 from fusionnet.rcl import parse
 from fusionnet.training.simulated_readings import cells_of, exact_readings, simulated_readings
 

@@ -11,7 +11,8 @@ from fusionnet.corpora import load_corpus
 from fusionnet.errors import CheckpointError, PlanningError
 from fusionnet.models.checkpoint import save_checkpoint
 from fusionnet.models.fusionnet import FusionNet, compact
-from fusionnet.models.tree_program import compile_tree, pack
+from fusionnet.models.program_pack import pack
+from fusionnet.models.tree_program import compile_tree
 from fusionnet.rcl import parse
 from fusionnet.robots import load as load_robot
 from fusionnet.training.fusion import batch_of

@@ -26,15 +26,10 @@ from fusionnet.blocks.grid import GRID
 from fusionnet.errors import CheckpointError, InputError, PlanningError
 from fusionnet.models.checkpoint import load_checkpoint, restore, save_checkpoint
 from fusionnet.models.fusers.tree_executor import Execution, TreeExecutor
+from fusionnet.models.program_pack import PackedPrograms, pack
+from fusionnet.models.program_values import Goal, Held
 from fusionnet.models.soft_layout import CELLS, soft_layout
-from fusionnet.models.tree_program import (
-    Goal,
-    Held,
-    PackedPrograms,
-    TreeProgram,
-    compile_tree,
-    pack,
-)
+from fusionnet.models.tree_program import TreeProgram, compile_tree
 from fusionnet.rcl import Tree
 
 KIND = "fusionnet"

@@ -1,22 +1,27 @@
-"""A tree as a list of steps that a network can run, many trees at once.
+"""A tree as a list of steps that a network can run.
 
 Compiling settles what needs no picture: which entity refers to which, what kind of
 thing each one is, and in which order they can be grounded (a landmark before what is
-related to it, the moved block before its destination). Packing lays the steps of
-several trees side by side, so that one tensor operation serves a level of all trees.
+related to it, the moved block before its destination).
 """
 
-from collections.abc import Sequence as Run
 from dataclasses import dataclass, field
-from enum import IntEnum
-from itertools import product
-from typing import NamedTuple
-
-import torch
-from jaxtyping import Int
-from torch import Tensor
 
 from fusionnet.errors import PlanningError
+from fusionnet.models.program_values import (
+    ATTRIBUTES,
+    DIRECTIONS,
+    KIND_OF_TYPE,
+    LARGEST_NUMBER,
+    MOST_COLORS,
+    RANKINGS,
+    RELATIONS,
+    THINGS,
+    Goal,
+    Held,
+    Kind,
+    Subject,
+)
 from fusionnet.rcl import (
     Action,
     Color,
@@ -29,92 +34,6 @@ from fusionnet.rcl import (
     Type,
     events,
 )
-
-LARGEST_NUMBER = 8
-"""Cardinals and measures above this are read as this: the board has eight tiles a side."""
-
-MOST_COLORS = 3
-"""Colours of one entity that are heard; the treebank has no more."""
-
-
-class Kind(IntEnum):
-    """What an entity is as a landmark: each kind has its own displacements."""
-
-    BLOCK = 0
-    GROUP = 1
-    PLACE = 2
-    BOARD = 3
-    ROBOT = 4
-
-
-class Subject(IntEnum):
-    """What is related to a landmark: a thing that is there, a place, or where to put a block."""
-
-    THING = 0
-    PLACE = 1
-    TARGET = 2
-
-
-class Goal(IntEnum):
-    """How the place of a command follows."""
-
-    DESTINATION = 0
-    LIFT = 1
-    DOWN = 2
-
-
-class Held(IntEnum):
-    """Whether an entity is the block in the hand."""
-
-    NO = 0
-    YES = 1
-    IF_ANY = 2
-
-
-KIND_OF_TYPE = {
-    Type.CUBE: Kind.BLOCK,
-    Type.PRISM: Kind.BLOCK,
-    Type.STACK: Kind.GROUP,
-    Type.CUBE_GROUP: Kind.GROUP,
-    Type.CORNER: Kind.PLACE,
-    Type.EDGE: Kind.PLACE,
-    Type.REGION: Kind.PLACE,
-    Type.BOARD: Kind.BOARD,
-    Type.ROBOT: Kind.ROBOT,
-}
-TYPES = tuple(KIND_OF_TYPE)
-
-_NUMBERS = range(1, LARGEST_NUMBER + 1)
-_THINGS = tuple(t for t in TYPES if KIND_OF_TYPE[t] <= Kind.GROUP)
-_PLACES = tuple(t for t in TYPES if KIND_OF_TYPE[t] > Kind.GROUP)
-_COLOR_COUNTS = range(MOST_COLORS + 1)
-ATTRIBUTES = (
-    *(f"type:{t}" for t in TYPES),
-    *(f"thing indicator:{i}" for i in Indicator),
-    *(f"type:{t} indicator:{i}" for t, i in product(_PLACES, Indicator)),
-    *(f"type:{t} cardinal:{n}" for t, n in product(_THINGS, _NUMBERS)),
-    *(f"type:{t} colors:{n}" for t, n in product(_THINGS, _COLOR_COUNTS)),
-    *(f"role:{role}" for role in ("moved", "held", "landmark", "destination")),
-)
-"""What can be said of an entity beside its colours; each has learned scores."""
-
-DIRECTIONS = (
-    Relation.LEFT,
-    Relation.RIGHT,
-    Relation.FORWARD,
-    Relation.FRONT,
-    Relation.BACKWARD,
-)
-"""Relations that may have a measure."""
-
-RELATIONS = (
-    *product(Relation, (0,), Subject, Kind),
-    *product(DIRECTIONS, _NUMBERS, Subject, Kind),
-)
-"""Every relation with its measure (0: none), its subject and its landmark's kind."""
-
-RANKINGS = tuple(product((Relation.NEAREST, Relation.ABOVE, Relation.WITHIN), (0,), Subject, Kind))
-"""The relations that pick the best of several."""
 
 _ATTRIBUTE_NUMBER = {name: number for number, name in enumerate(ATTRIBUTES)}
 _RELATION_NUMBER = {key: number for number, key in enumerate(RELATIONS)}
@@ -339,12 +258,12 @@ def _attributes(entity: Entity, type_: Type | None, role: str) -> tuple[int, ...
     if type_ is None:
         return (_ATTRIBUTE_NUMBER[f"role:{role}"],)
     names = [f"type:{type_}"]
-    if type_ in _THINGS:
+    if type_ in THINGS:
         names += [f"role:{role}", f"type:{type_} colors:{min(len(entity.colors), MOST_COLORS)}"]
         if entity.cardinal is not None:
             number = max(1, min(entity.cardinal.value, LARGEST_NUMBER))
             names.append(f"type:{type_} cardinal:{number}")
-    group = "thing" if type_ in _THINGS else names[0]
+    group = "thing" if type_ in THINGS else names[0]
     names += [f"{group} indicator:{leaf.value}" for leaf in entity.indicators]
     return tuple(_ATTRIBUTE_NUMBER[name] for name in dict.fromkeys(names))
 
@@ -354,104 +273,3 @@ def _label(entity: Entity) -> str:
     words += [str(entity.cardinal.value)] if entity.cardinal is not None else []
     words += [str(leaf.value) for leaf in entity.colors]
     return " ".join([*words, str(entity.type.value)])
-
-
-class PackedRelations(NamedTuple):
-    """Relations of the steps (or targets) numbered `subject` to the steps `landmark`."""
-
-    subject: Int[Tensor, " m"]
-    number: Int[Tensor, " m"]
-    landmark: Int[Tensor, " m"]
-    ranks: Tensor
-
-
-class PackedLevel(NamedTuple):
-    """The steps of one level of several trees; numbers of steps count over the whole pack."""
-
-    example: Int[Tensor, " n"]
-    attributes: Int[Tensor, " a"]
-    attribute_offsets: Int[Tensor, " n"]
-    colors: Int[Tensor, "n 3"]
-    kind: Int[Tensor, " n"]
-    held: Int[Tensor, " n"]
-    moved: Int[Tensor, " n"]
-    ranks: Tensor
-    relations: PackedRelations
-
-
-class PackedPrograms(NamedTuple):
-    """Several programs side by side.
-
-    Attributes:
-        levels: The steps, level by level.
-        order: For each step of the pack: its example and its place in that program.
-        source: Step of the moved block of each example.
-        goal: Goal of each example.
-        destination: Relations of the examples' targets.
-        held: Whether the block must be in the hand already, for each example.
-        ends_held: Whether it stays in the hand.
-    """
-
-    levels: tuple[PackedLevel, ...]
-    order: tuple[tuple[int, int], ...]
-    source: Int[Tensor, " b"]
-    goal: Int[Tensor, " b"]
-    destination: PackedRelations
-    held: Int[Tensor, " b"]
-    ends_held: Tensor
-
-
-NOTHING = -1
-"""Stands for no colour and for no moved block."""
-
-
-def pack(programs: Run[TreeProgram]) -> PackedPrograms:
-    """Lay programs side by side, ordered by level."""
-    entries = [(e, i, s) for e, p in enumerate(programs) for i, s in enumerate(p.steps)]
-    entries.sort(key=lambda entry: entry[2].level)
-    place = {(e, i): n for n, (e, i, _) in enumerate(entries)}
-    levels = []
-    for level in range(1 + max(s.level for _, _, s in entries)):
-        found = [(e, s) for e, _, s in entries if s.level == level]
-        levels.append(_pack_level(found, place))
-    destinations = [(e, e, p.destination) for e, p in enumerate(programs) if p.destination]
-    return PackedPrograms(
-        levels=tuple(levels),
-        order=tuple((e, i) for e, i, _ in entries),
-        source=torch.tensor([place[e, p.source] for e, p in enumerate(programs)]),
-        goal=torch.tensor([int(p.goal) for p in programs]),
-        destination=_pack_relations(destinations, place),
-        held=torch.tensor([int(p.held) for p in programs]),
-        ends_held=torch.tensor([p.ends_held for p in programs]),
-    )
-
-
-def _pack_level(found: list[tuple[int, Step]], place: dict[tuple[int, int], int]) -> PackedLevel:
-    steps = [step for _, step in found]
-    lengths = torch.tensor([len(step.attributes) for step in steps])
-    colors = [(*s.colors, *[NOTHING] * (MOST_COLORS - len(s.colors))) for s in steps]
-    moved = [NOTHING if s.moved is None else place[e, s.moved] for e, s in found]
-    relations = [(row, e, r) for row, (e, s) in enumerate(found) for r in s.related]
-    return PackedLevel(
-        example=torch.tensor([e for e, _ in found]),
-        attributes=torch.tensor([a for s in steps for a in s.attributes]),
-        attribute_offsets=lengths.cumsum(0) - lengths,
-        colors=torch.tensor(colors),
-        kind=torch.tensor([int(s.kind) for s in steps]),
-        held=torch.tensor([int(s.held) for s in steps]),
-        moved=torch.tensor(moved),
-        ranks=torch.tensor([s.ranks for s in steps]),
-        relations=_pack_relations(relations, place),
-    )
-
-
-def _pack_relations(
-    found: list[tuple[int, int, Related]], place: dict[tuple[int, int], int]
-) -> PackedRelations:
-    """Tensors of (row of the subject, example, relation) triples."""
-    return PackedRelations(
-        subject=torch.tensor([row for row, _, _ in found], dtype=torch.long),
-        number=torch.tensor([r.number for _, _, r in found], dtype=torch.long),
-        landmark=torch.tensor([place[e, r.landmark] for _, e, r in found], dtype=torch.long),
-        ranks=torch.tensor([r.ranks for _, _, r in found], dtype=torch.bool),
-    )

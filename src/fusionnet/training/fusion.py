@@ -21,8 +21,9 @@ from fusionnet.blocks import Move, plan
 from fusionnet.corpora import Command, load_corpus
 from fusionnet.errors import InputError
 from fusionnet.models.fusionnet import FusionNet, compact
+from fusionnet.models.program_pack import PackedPrograms, pack
 from fusionnet.models.retinanet import RetinaNet
-from fusionnet.models.tree_program import PackedPrograms, compile_tree, pack
+from fusionnet.models.tree_program import compile_tree
 from fusionnet.randomness import generator
 from fusionnet.training.loop import LoopConfig, fit
 from fusionnet.training.planned_examples import Example, PlannedExamples

@@ -25,6 +25,8 @@ from torch import Tensor, nn
 from torch.nn.functional import embedding_bag, logsigmoid
 
 from fusionnet.blocks.grid import GRID
+from fusionnet.models.program_pack import NOTHING, PackedLevel, PackedPrograms, PackedRelations
+from fusionnet.models.program_values import ATTRIBUTES, RANKINGS, RELATIONS, Goal, Held, Kind
 from fusionnet.models.soft_layout import (
     CELLS,
     CLASSES,
@@ -32,18 +34,6 @@ from fusionnet.models.soft_layout import (
     COLUMNS,
     FLOOR,
     SoftLayout,
-)
-from fusionnet.models.tree_program import (
-    ATTRIBUTES,
-    NOTHING,
-    RANKINGS,
-    RELATIONS,
-    Goal,
-    Held,
-    Kind,
-    PackedLevel,
-    PackedPrograms,
-    PackedRelations,
 )
 
 SPAN = 2 * GRID - 1
