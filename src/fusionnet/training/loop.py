@@ -20,7 +20,7 @@ from lightning.fabric import Fabric
 from safetensors import SafetensorError, safe_open
 from safetensors.torch import save_file
 
-from fusionnet.errors import CheckpointError
+from fusionnet.errors import CheckpointError, InputError
 
 log = logging.getLogger(__name__)
 
@@ -64,7 +64,7 @@ class LoopConfig:
     def __post_init__(self) -> None:
         """Refuse values that cannot train."""
         if self.steps < 1 or self.learning_rate <= 0 or not 0 <= self.warm_up < 1:
-            raise ValueError(f"steps >= 1, learning_rate > 0, 0 <= warm_up < 1; got {self}")
+            raise InputError(f"steps >= 1, learning_rate > 0, 0 <= warm_up < 1; got {self}")
 
     def rate_at(self, step: int) -> float:
         """Learning rate of a step: linear warm-up, then half a cosine to a hundredth."""
