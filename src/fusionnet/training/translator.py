@@ -88,7 +88,7 @@ class TranslatorConfig:
     augmentation: AugmentationConfig = field(default_factory=AugmentationConfig)
     loop: LoopConfig = field(
         default_factory=lambda: LoopConfig(
-            steps=3000, learning_rate=2e-3, average=0.998, loss_weights=LOSS_WEIGHTS
+            steps=2400, learning_rate=2e-3, average=0.998, loss_weights=LOSS_WEIGHTS
         )
     )
     half: bool = True
