@@ -3,6 +3,7 @@
 import importlib
 import os
 import platform
+import threading
 import time
 from typing import Any
 
@@ -33,7 +34,9 @@ class LiveViewer:
 
     def __init__(self, robot: Robot, model: mujoco.MjModel, data: mujoco.MjData) -> None:
         self._data = data
+        before = set(threading.enumerate())
         self._window = _open_window(model, data)
+        self._threads = [t for t in threading.enumerate() if t not in before]
         with self._window.lock():
             camera = self._window.cam
             camera.lookat[:] = apply(robot.robot_from_board, EXTERNAL_TARGET)
@@ -61,8 +64,10 @@ class LiveViewer:
             self._window.sync()
 
     def close(self) -> None:
-        """Close the window."""
+        """Close the window, and wait until its threads have freed what they draw."""
         self._window.close()
+        for thread in self._threads:
+            thread.join(timeout=5.0)
 
 
 def _open_window(model: mujoco.MjModel, data: mujoco.MjData) -> Any:
