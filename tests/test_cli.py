@@ -63,11 +63,7 @@ def test_version(capsys) -> None:
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (
-            ["rnu", "x"],
-            "no command called 'rnu'; available: run, translate, simulate, doctor, evaluate, "
-            "train, robot. ",
-        ),
+        (["rnu", "x"], "no command called 'rnu'; available: run, translate, simulate, doctor, "),
         (["train"], "train what?; available: detector, translator, fusion."),
         (["train", "detectr"], "cannot train 'detectr'; available: detector, translator, fusion. "),
         (["evaluate", "--json"], "evaluate what?; available: policy, translator, detector."),

@@ -54,6 +54,9 @@ COMMANDS = {
     "train detector": Entry("pictures to blocks", "fusionnet.apps.train:detector"),
     "train translator": Entry("sentences to trees", "fusionnet.apps.train:translator"),
     "train fusion": Entry("both to joint angles", "fusionnet.apps.train:fusion"),
+    "reproduce": Entry(
+        "run the experiments of the thesis, and ours", "fusionnet.apps.reproduce:reproduce"
+    ),
     "robot table": Entry("make a robot's table of joint angles", "fusionnet.apps.robot:table"),
 }
 

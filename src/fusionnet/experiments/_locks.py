@@ -1,0 +1,44 @@
+"""Locks between processes that the system lets go when their holder ends, however it ends."""
+
+import fcntl
+import hashlib
+from pathlib import Path
+from typing import IO, Any
+
+
+class Lock:
+    """The right to do one thing alone.
+
+    Args:
+        work: Folder that the processes share; the lock's file goes to its `locks`.
+        what: What may be done.
+    """
+
+    def __init__(self, work: Path, what: Path) -> None:
+        key = hashlib.blake2b(str(what.resolve()).encode(), digest_size=12).hexdigest()
+        self._file = work / "locks" / key
+        self._open: IO[Any] | None = None
+
+    def acquire(self) -> bool:
+        """Take it, if nobody holds it."""
+        self._file.parent.mkdir(parents=True, exist_ok=True)
+        opened = self._file.open("w")
+        try:
+            fcntl.flock(opened, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            opened.close()
+            return False
+        self._open = opened
+        return True
+
+    def release(self) -> None:
+        """Let it go."""
+        if self._open is not None:
+            self._open.close()
+            self._open = None
+
+    def __enter__(self) -> "Lock":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.release()

@@ -1,0 +1,161 @@
+"""One whole JSON file a run: what was run, on what, how long, and what came out."""
+
+import json
+import os
+import platform
+import subprocess
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass
+from functools import cache
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+from fusionnet.errors import DataError, OutputError
+from fusionnet.experiments._experiment import Outcome, Trial, Variant
+
+SCHEMA = 1
+"""Version of the files; raised when their meaning changes."""
+
+PACKAGES = ("fusionnet", "torch", "torchvision", "numpy", "mujoco", "optuna", "torchjd", "gensim")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Record:
+    """A finished run.
+
+    Attributes:
+        experiment, scale, seed: Of the trial.
+        variant: Its name, values and label.
+        metrics, curves, details: Of the outcome.
+        seconds: Wall time.
+        provenance: Commit, versions, hardware.
+    """
+
+    experiment: str
+    scale: str
+    seed: int
+    variant: Variant
+    metrics: dict[str, float]
+    curves: dict[str, list[float]]
+    details: dict[str, Any]
+    seconds: float
+    provenance: dict[str, Any]
+
+
+def record_file(results: Path, trial: Trial) -> Path:
+    """Where a trial's record is kept."""
+    name = f"{trial.variant.name}-seed{trial.seed}.json"
+    return results / trial.experiment / trial.scale / name
+
+
+def write_record(file: Path, trial: Trial, outcome: Outcome, seconds: float) -> Record:
+    """Write a run's record, whole or not at all.
+
+    Raises:
+        OutputError: If it cannot be written.
+    """
+    record = Record(
+        experiment=trial.experiment,
+        scale=trial.scale,
+        seed=trial.seed,
+        variant=trial.variant,
+        metrics={name: float(value) for name, value in outcome.metrics.items()},
+        curves={name: [float(v) for v in values] for name, values in outcome.curves.items()},
+        details=dict(outcome.details),
+        seconds=round(seconds, 2),
+        provenance=provenance(),
+    )
+    aside = file.with_name(f".{file.name}.{os.getpid()}.part")
+    try:
+        file.parent.mkdir(parents=True, exist_ok=True)
+        aside.write_text(json.dumps({"schema": SCHEMA, **asdict(record)}, indent=1) + "\n")
+        os.replace(aside, file)
+    except OSError as error:
+        aside.unlink(missing_ok=True)
+        raise OutputError(f"Cannot write the record {file}: {error.strerror or error}.") from error
+    return record
+
+
+def read_record(file: Path) -> Record:
+    """Read one record.
+
+    Raises:
+        DataError: If it is damaged or of another version; the message names the file.
+    """
+    try:
+        values = json.loads(file.read_text("utf-8"))
+        schema = values.pop("schema", None)
+        if schema != SCHEMA:
+            raise DataError(f"{file} has schema {schema}; this version reads {SCHEMA}. Run again.")
+        return Record(**{**values, "variant": Variant(**values["variant"])})
+    except (OSError, ValueError, KeyError, TypeError, AssertionError) as error:
+        if isinstance(error, DataError):
+            raise
+        raise DataError(
+            f"{file} is not a whole record ({error}); delete it and run again."
+        ) from error
+
+
+def read_records(results: Path, experiment: str, scale: str) -> list[Record]:
+    """All finished runs of an experiment at a scale, by variant and seed."""
+    return list(_records(results / experiment / scale))
+
+
+def _records(folder: Path) -> Iterator[Record]:
+    for file in sorted(folder.glob("*.json")):
+        yield read_record(file)
+
+
+@cache
+def provenance() -> dict[str, Any]:
+    """The commit, the versions and the machine of this process."""
+    return {
+        "commit": _commit(),
+        "python": platform.python_version(),
+        "versions": {name: _version(name) for name in PACKAGES},
+        "machine": platform.machine(),
+        "processor": _processor(),
+        "cores": os.cpu_count(),
+        "device": _device(),
+    }
+
+
+def _commit() -> str | None:
+    """The commit that the package runs from, with a plus if something is changed."""
+    git = ["git", "-C", str(Path(__file__).parent)]
+    try:
+        commit = subprocess.run(
+            [*git, "rev-parse", "--short=12", "HEAD"], capture_output=True, text=True, check=True
+        )
+        changed = subprocess.run(
+            [*git, "status", "--porcelain", "--untracked-files=no", "."],
+            capture_output=True,
+            text=True,
+            check=True,
+        )
+    except (OSError, subprocess.CalledProcessError):
+        return None
+    return commit.stdout.strip() + ("+" if changed.stdout.strip() else "")
+
+
+def _version(package: str) -> str | None:
+    try:
+        return metadata.version(package)
+    except metadata.PackageNotFoundError:
+        return None
+
+
+def _processor() -> str:
+    try:
+        lines = Path("/proc/cpuinfo").read_text().splitlines()
+    except OSError:
+        return platform.processor()
+    names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
+    return names[0] if names else platform.processor()
+
+
+def _device() -> str:
+    import torch
+
+    return torch.cuda.get_device_name() if torch.cuda.is_available() else "cpu"

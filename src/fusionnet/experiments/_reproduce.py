@@ -1,0 +1,55 @@
+"""Everything that is missing of an experiment, run: the variants, then the search's."""
+
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+from fusionnet.experiments._experiment import Experiment
+from fusionnet.experiments._records import Record, record_file
+from fusionnet.experiments._runner import Plan, run_trial, trial_of
+from fusionnet.experiments._search import search_variants
+
+Report = Callable[[int, int], None]
+
+
+def reproduce(
+    experiment: Experiment, plan: Plan, *, progress: Report | None = None
+) -> list[Record]:
+    """Make every missing run of an experiment, and return all records of its variants.
+
+    Args:
+        experiment: What to run.
+        plan: At which scale, with how many seeds.
+        progress: Called with runs done, of how many.
+
+    Raises:
+        InputError, DataError: If a run needs data that is not there; the message names the
+            command that makes it.
+        OutputError: If a record cannot be written.
+    """
+    seeds = range(plan.seeds or experiment.seeds[plan.scale])
+    variants = list(experiment.variants(plan.scale))
+    searched = experiment.search.trials[plan.scale] if experiment.search else 0
+    total = (len(variants) + searched) * len(seeds)
+    trials = [trial_of(experiment, plan, variant, seed) for seed in seeds for variant in variants]
+    if not plan.resume:
+        for trial in trials:
+            record_file(plan.results, trial).unlink(missing_ok=True)
+    records: dict[Path, Record] = {}
+
+    def note(file: Path, record: Record) -> None:
+        records[file] = record
+        if progress is not None:
+            progress(len(records), total)
+
+    while missing := [t for t in trials if record_file(plan.results, t) not in records]:
+        before = len(records)
+        for trial in missing:
+            record = run_trial(experiment, plan, trial)
+            if record is not None:
+                note(record_file(plan.results, trial), record)
+        if len(records) == before:
+            time.sleep(1.0)  # other processes are at what is left
+    if experiment.search is not None:
+        search_variants(experiment, plan, seeds, note)
+    return list(records.values())

@@ -1,0 +1,69 @@
+"""Run what is missing of an experiment; several processes may work on it at once.
+
+A run is claimed by a lock on a file, which the system lets go when its process ends,
+however it ends. Its record is written whole at the end. So finished runs are never lost
+nor made twice, and a killed process costs only the run that it was at.
+"""
+
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+from fusionnet.errors import InputError
+from fusionnet.experiments._experiment import Experiment, Scale, Trial, Variant
+from fusionnet.experiments._locks import Lock
+from fusionnet.experiments._records import Record, read_record, record_file, write_record
+
+
+@dataclass(frozen=True, kw_only=True)
+class Plan:
+    """What to run, and where to keep it.
+
+    Attributes:
+        scale: Size of the runs.
+        seeds: How many seeds; as the experiment says by default.
+        data: Folder of the treebank; without it commands of our own are used.
+        results: Folder of the records.
+        work: Folder for data sets, states and locks.
+        resume: Keep finished runs; otherwise those of this plan are made again.
+    """
+
+    scale: Scale = "small"
+    seeds: int | None = None
+    data: Path | None = None
+    results: Path = Path("results/experiments")
+    work: Path = Path("runs/reproduce")
+    resume: bool = True
+
+    def __post_init__(self) -> None:
+        """Refuse numbers of seeds that make no run."""
+        if self.seeds is not None and self.seeds < 1:
+            raise InputError(f"At least one seed is needed; received {self.seeds}.")
+
+
+def trial_of(experiment: Experiment, plan: Plan, variant: Variant, seed: int) -> Trial:
+    """The trial of a variant with a seed in a plan."""
+    return Trial(
+        experiment=experiment.name,
+        variant=variant,
+        seed=seed,
+        scale=plan.scale,
+        data=plan.data,
+        work=plan.work / plan.scale,
+    )
+
+
+def run_trial(experiment: Experiment, plan: Plan, trial: Trial) -> Record | None:
+    """The trial's record, made now if it is not there; None while another process makes it."""
+    file = record_file(plan.results, trial)
+    if file.is_file():
+        return read_record(file)
+    lock = Lock(plan.work, file)
+    if not lock.acquire():
+        return None
+    with lock:
+        if file.is_file():  # finished by another process in the meantime
+            return read_record(file)
+        began = time.monotonic()
+        outcome = experiment.run(trial)
+        return write_record(file, trial, outcome, time.monotonic() - began)

@@ -1,0 +1,107 @@
+"""Variants that a search proposes: a study that several processes work on, killed or not.
+
+The study is a journal file beside the records. Every trial under way holds a lock; a
+trial whose lock is free has lost its process, is failed, and its values are tried again.
+Runs that were finished for it are found by their records and not made again.
+"""
+
+import hashlib
+import json
+import time
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+import optuna
+from optuna.storages.journal import JournalFileBackend
+from optuna.trial import TrialState
+
+from fusionnet.experiments._experiment import Experiment, Variant
+from fusionnet.experiments._locks import Lock
+from fusionnet.experiments._records import Record, read_record, record_file
+from fusionnet.experiments._runner import Plan, run_trial, trial_of
+
+PAUSE = 0.2
+"""Seconds between looks at what other processes do."""
+
+
+def search_variants(
+    experiment: Experiment, plan: Plan, seeds: range, note: Callable[[Path, Record], None]
+) -> None:
+    """Let a tree-structured Parzen estimator propose variants until enough are finished.
+
+    References:
+        Bergstra et al. (2011), Algorithms for hyper-parameter optimization; thesis 7.2.
+    """
+    assert experiment.search is not None
+    folder = plan.results / experiment.name / plan.scale
+    folder.mkdir(parents=True, exist_ok=True)
+    optuna.logging.set_verbosity(optuna.logging.WARNING)
+    study = optuna.create_study(
+        study_name=experiment.name,
+        storage=optuna.storages.JournalStorage(JournalFileBackend(str(folder / "study.journal"))),
+        direction="minimize" if experiment.lower_is_better else "maximize",
+        load_if_exists=True,
+    )
+    wanted = experiment.search.trials[plan.scale]
+    asking = Lock(plan.work, folder / "ask")
+    while _count(study, TrialState.COMPLETE) < wanted:
+        if not asking.acquire():
+            time.sleep(PAUSE)
+            continue
+        with asking:
+            mine = _next(study, wanted, plan, folder)
+        if mine is None:
+            time.sleep(PAUSE)  # other processes are at the last ones
+            continue
+        trial, lock = mine
+        with lock:
+            variant = experiment.search.propose(trial)
+            study.tell(trial, _mean(experiment, plan, variant, seeds))
+    for finished in study.get_trials(deepcopy=False, states=[TrialState.COMPLETE]):
+        variant = experiment.search.propose(optuna.trial.FixedTrial(finished.params))  # type: ignore[arg-type]
+        for seed in seeds:
+            file = record_file(plan.results, trial_of(experiment, plan, variant, seed))
+            note(file, read_record(file))
+
+
+def _next(
+    study: optuna.Study, wanted: int, plan: Plan, folder: Path
+) -> tuple[optuna.Trial, Lock] | None:
+    """A new trial and its lock, or None if enough are finished or under way."""
+    for trial in study.get_trials(deepcopy=False, states=[TrialState.RUNNING]):
+        lock = Lock(plan.work, folder / str(trial.number))
+        if lock.acquire():  # its process has died
+            with lock:
+                study.tell(trial.number, state=TrialState.FAIL)
+                if trial.params:
+                    study.enqueue_trial(trial.params)
+    if _count(study, TrialState.COMPLETE, TrialState.RUNNING) >= wanted:
+        return None
+    number = len(study.get_trials(deepcopy=False))
+    study.sampler = optuna.samplers.TPESampler(seed=number)  # else processes draw alike
+    asked = study.ask()
+    lock = Lock(plan.work, folder / str(asked.number))
+    held = lock.acquire()
+    assert held, "nobody else knows of this trial"
+    return asked, lock
+
+
+def _count(study: optuna.Study, *states: TrialState) -> int:
+    return len(study.get_trials(deepcopy=False, states=list(states)))
+
+
+def _mean(experiment: Experiment, plan: Plan, variant: Variant, seeds: range) -> float:
+    """Mean of the deciding metric over the seeds."""
+    values = []
+    for seed in seeds:
+        trial = trial_of(experiment, plan, variant, seed)
+        while (record := run_trial(experiment, plan, trial)) is None:
+            time.sleep(PAUSE)
+        values.append(record.metrics[experiment.metric])
+    return sum(values) / len(values)
+
+
+def proposal_name(values: Mapping[str, float]) -> str:
+    """A short name for proposed values, the same for the same values."""
+    text = json.dumps(dict(values), sort_keys=True)
+    return "proposal-" + hashlib.blake2b(text.encode(), digest_size=5).hexdigest()

@@ -1,0 +1,116 @@
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections import Counter
+from pathlib import Path
+
+import optuna
+import pytest
+
+from fusionnet import experiments
+from fusionnet.apps.cli import main
+from fusionnet.errors import DataError, InputError, UnknownNameError
+from fusionnet.experiments import Plan, judge, read_records, reproduce, summaries
+from toy_experiment import toy
+
+TOY = Path(__file__).parent / "toy_experiment.py"
+
+
+def made(folder: Path, scale: str = "smoke") -> Counter:
+    return Counter((folder / "work" / scale / "made.txt").read_text().splitlines())
+
+
+def plan(folder: Path, **values) -> Plan:
+    return Plan(
+        **{"scale": "smoke", "results": folder / "results", "work": folder / "work", **values}
+    )
+
+
+def test_every_variant_is_run_with_every_seed_once(tmp_path):
+    seen = []
+    records = reproduce(toy(), plan(tmp_path), progress=lambda done, of: seen.append((done, of)))
+    assert len(records) == 6 and seen[-1] == (6, 6)
+    again = reproduce(toy(), plan(tmp_path))
+    assert {(r.variant.name, r.seed) for r in again} == {
+        (f"x{x}", s) for x in (1, 2, 3) for s in (0, 1)
+    }
+    assert max(made(tmp_path).values()) == 1
+    reproduce(toy(), plan(tmp_path, resume=False))
+    assert set(made(tmp_path).values()) == {2}
+
+
+def test_a_record_says_where_it_comes_from(tmp_path):
+    reproduce(toy(), plan(tmp_path, seeds=1))
+    file = tmp_path / "results" / "toy" / "smoke" / "x1-seed0.json"
+    stored = json.loads(file.read_text())
+    assert stored["provenance"]["versions"]["torch"] and stored["provenance"]["cores"]
+    assert stored["curves"] == {"loss": [1.0, 0.5]} and stored["seconds"] >= 0
+    file.write_text(file.read_text()[:100])
+    with pytest.raises(DataError, match="x1-seed0.json is not a whole record"):
+        read_records(tmp_path / "results", "toy", "smoke")
+
+
+def test_claims_are_judged_by_paired_seeds(tmp_path):
+    records = reproduce(toy(), plan(tmp_path, scale="small"))
+    judged = [judge(toy(), claim, records) for claim in toy().claims]
+    assert [j.verdict for j in judged] == ["agrees", "differs", "cannot tell"]
+    assert judged[0].difference is not None and judged[0].difference.seeds == 5
+    best = min(summaries(records, "error"), key=lambda s: s.mean)
+    assert best.variant.name == "x2" and best.low <= best.mean <= best.high
+
+
+def test_two_processes_share_a_search_and_one_is_killed(tmp_path):
+    run = [sys.executable, str(TOY), str(tmp_path), "6"]
+    environment = {**os.environ, "TOY_SECONDS": "0.15"}
+    first, second = (subprocess.Popen(run, env=environment) for _ in range(2))
+    log = tmp_path / "work" / "smoke" / "made.txt"
+    deadline = time.monotonic() + 60
+    while not log.is_file() or log.read_text().count("proposal") < 3:
+        assert time.monotonic() < deadline
+        time.sleep(0.02)
+    first.send_signal(signal.SIGKILL)
+    first.wait()
+    assert second.wait(timeout=60) == 0
+    records = reproduce(toy(trials=6), plan(tmp_path))
+    proposals = {r.variant.name for r in records if "proposal" in r.variant.name}
+    assert len(proposals) == 6 and len(records) == 6 + 6 * 2
+    # Only the run that the killed process was at may have been begun twice.
+    assert sum(count - 1 for count in made(tmp_path).values()) <= 1
+    study = optuna.load_study(
+        study_name="toy",
+        storage=optuna.storages.JournalStorage(
+            optuna.storages.journal.JournalFileBackend(
+                str(tmp_path / "results" / "toy" / "smoke" / "study.journal")
+            )
+        ),
+    )
+    assert not study.get_trials(states=[optuna.trial.TrialState.RUNNING])
+
+
+def test_an_unknown_experiment_lists_what_there_is(capsys):
+    with pytest.raises(UnknownNameError, match="No experiment called 'ablatoin'"):
+        experiments.load("ablatoin")
+    assert main(["reproduce", "ablatoin"]) == 2
+    assert "available:" in capsys.readouterr().err
+
+
+def test_no_seeds_are_refused():
+    with pytest.raises(InputError, match="At least one seed"):
+        Plan(seeds=0)
+
+
+@pytest.mark.parametrize("name", experiments.names())
+def test_every_experiment_is_described_whole(name):
+    experiment = experiments.load(name)
+    assert experiment.name == name and experiment.setup and experiment.question
+    for scale in ("smoke", "small", "thesis"):
+        variants = [v.name for v in experiment.variants(scale)]
+        assert len(set(variants)) == len(variants)
+        assert experiment.seeds[scale] >= 1
+    everything = {v.name for v in experiment.variants("thesis")}
+    for claim in experiment.claims:
+        assert {claim.better, claim.worse} <= everything, claim
+    assert {p.variant for p in experiment.published} <= everything
