@@ -15,6 +15,7 @@ HOUSE = (
     "errors",
     "randomness",
     "catalogue",
+    "files",
     "geometry",
     "rcl",
     "blocks",

@@ -57,6 +57,7 @@ COMMANDS = {
     "reproduce": Entry(
         "run the experiments of the thesis, and ours", "fusionnet.apps.reproduce:reproduce"
     ),
+    "report": Entry("all results beside the thesis's, one page", "fusionnet.apps.report:report"),
     "robot table": Entry("make a robot's table of joint angles", "fusionnet.apps.robot:table"),
 }
 

@@ -11,8 +11,9 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
-from fusionnet.errors import DataError, OutputError
+from fusionnet.errors import DataError
 from fusionnet.experiments._experiment import Outcome, Trial, Variant
+from fusionnet.files import write_whole
 
 SCHEMA = 1
 """Version of the files; raised when their meaning changes."""
@@ -66,14 +67,7 @@ def write_record(file: Path, trial: Trial, outcome: Outcome, seconds: float) -> 
         seconds=round(seconds, 2),
         provenance=provenance(),
     )
-    aside = file.with_name(f".{file.name}.{os.getpid()}.part")
-    try:
-        file.parent.mkdir(parents=True, exist_ok=True)
-        aside.write_text(json.dumps({"schema": SCHEMA, **asdict(record)}, indent=1) + "\n")
-        os.replace(aside, file)
-    except OSError as error:
-        aside.unlink(missing_ok=True)
-        raise OutputError(f"Cannot write the record {file}: {error.strerror or error}.") from error
+    write_whole(file, json.dumps({"schema": SCHEMA, **asdict(record)}, indent=1) + "\n")
     return record
 
 

@@ -1,0 +1,99 @@
+"""What has been run of each experiment, with its summary and verdicts."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from fusionnet import experiments
+from fusionnet.experiments import (
+    Experiment,
+    Judgement,
+    Published,
+    Record,
+    Scale,
+    Summary,
+    judge,
+    read_records,
+    summaries,
+)
+
+SCALES: tuple[Scale, ...] = ("thesis", "small", "smoke")
+"""Which records are shown where there are several: the largest scale."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Chapter:
+    """One experiment and its finished runs.
+
+    Attributes:
+        experiment: What was to be run.
+        scale: Of the runs; None if nothing was run.
+        records: The runs.
+        summaries: Of the deciding metric, a variant each.
+        judgements: A verdict for each claim.
+    """
+
+    experiment: Experiment
+    scale: Scale | None
+    records: tuple[Record, ...]
+    summaries: tuple[Summary, ...]
+    judgements: tuple[Judgement, ...]
+
+    @property
+    def seeds(self) -> int:
+        """The most seeds that a variant was run with."""
+        return max((len(s.values) for s in self.summaries), default=0)
+
+    @property
+    def minutes(self) -> float:
+        """Wall time of all runs together."""
+        return sum(record.seconds for record in self.records) / 60
+
+    def published(self, variant: str, metric: str = "") -> Published | None:
+        """What the thesis states for a variant, if anything."""
+        metric = metric or self.experiment.metric
+        for stated in self.experiment.published:
+            if (stated.variant, stated.metric) == (variant, metric):
+                return stated
+        return None
+
+
+def gather(results: Path, scales: Sequence[Scale] = SCALES) -> list[Chapter]:
+    """A chapter for every experiment, in the order of the thesis's sections, ours last.
+
+    Raises:
+        DataError: If a record is damaged.
+    """
+    loaded = [experiments.load(name) for name in experiments.names()]
+    return [chapter(e, results, scales) for e in sorted(loaded, key=_order)]
+
+
+def chapter(experiment: Experiment, results: Path, scales: Sequence[Scale] = SCALES) -> Chapter:
+    """What has been run of one experiment, at the first of the scales that has records."""
+    for scale in scales:
+        records = read_records(results, experiment.name, scale)
+        if records:
+            break
+    else:
+        scale, records = None, []
+    return Chapter(
+        experiment=experiment,
+        scale=scale,
+        records=tuple(records),
+        summaries=tuple(_in_order(experiment, scale, summaries(records, experiment.metric))),
+        judgements=tuple(judge(experiment, claim, records) for claim in experiment.claims),
+    )
+
+
+def _in_order(experiment: Experiment, scale: Scale | None, found: list[Summary]) -> list[Summary]:
+    """As the experiment lists its variants; proposals of a search after them, best first."""
+    if scale is None:
+        return found
+    place = {variant.name: i for i, variant in enumerate(experiment.variants(scale))}
+    sign = 1 if experiment.lower_is_better else -1
+    return sorted(found, key=lambda s: (place.get(s.variant.name, len(place)), sign * s.mean))
+
+
+def _order(experiment: Experiment) -> tuple[int, str, str]:
+    ours = experiment.section == "ours"
+    return int(ours), experiment.section, experiment.name

@@ -1,0 +1,62 @@
+import re
+
+import pytest
+
+from fusionnet.apps.cli import main
+from fusionnet.experiments import Figure, Plan, reproduce
+from fusionnet.report import html_page, markdown_page
+from fusionnet.report.chapters import chapter
+from fusionnet.report.figures import draw, draw_answer
+from fusionnet.report.reading import reading
+from toy_experiment import toy
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("toy")
+    reproduce(toy(), Plan(scale="small", results=folder / "results", work=folder / "work"))
+    return chapter(toy(), folder / "results")
+
+
+def test_the_reading_says_what_is_best_and_how_often_the_thesis_is_borne_out(run):
+    said = reading(run)
+    assert "At the small scale, x2 has the best error" in said and "over 5 seeds" in said
+    assert "agrees with 1 of 3, differs from 1 of 3, cannot tell of 1 of 3" in said
+
+
+def test_a_page_needs_no_other_file(run):
+    page = html_page([run])
+    assert page.count("<svg") == 1 and "<script" not in page
+    assert not re.findall(r"""(?:src|href)=["'](?!#)(?!http://www\.w3\.org)""", page)
+    assert "0 (nowhere)" in page and "difference -1" in page
+
+
+def test_markdown_names_every_figure_that_it_gives(run):
+    text, figures = markdown_page([run], "results")
+    assert set(re.findall(r"\(results/([^)]+)\)", text)) == set(figures) == {"toy-1.svg"}
+    assert "| x2 | " in text
+
+
+@pytest.mark.parametrize(
+    "figure", [Figure(), Figure(kind="lines", x="x"), Figure(kind="scatter", x="x")]
+)
+def test_every_kind_of_figure_is_drawn_the_same_twice(run, figure):
+    assert draw(run, figure) == draw(run, figure)
+    assert "NaN" not in draw(run, figure)
+
+
+def test_the_answer_shows_several_metrics(run):
+    assert draw_answer(run, [("error", "error"), ("nothing", "")]).startswith("<svg")
+
+
+def test_what_was_not_run_says_how_to_run_it(tmp_path, capsys):
+    missing = chapter(toy(), tmp_path)
+    assert "fusionnet reproduce toy" in reading(missing)
+    assert "toy" in html_page([missing])
+    assert main(["report", "--results", str(tmp_path), "--out", str(tmp_path / "r.html")]) == 0
+    assert (
+        "There is no answer yet" in (tmp_path / "r.html").read_text()
+        or "no answer yet" in (tmp_path / "r.html").read_text()
+    )
+    (tmp_path / "file").write_text("")
+    assert main(["report", "--out", str(tmp_path / "file" / "r.html")]) == 2
