@@ -3,14 +3,18 @@ import json
 import pytest
 import torch
 
-from fusionnet.errors import CheckpointError
+from fusionnet.errors import CheckpointError, InputError
 from fusionnet.training.loop import LoopConfig, fit
+from fusionnet.training.optimizers import OptimizerConfig
+from fusionnet.training.schedules import Schedule, ScheduleConfig
 
 
 def _model() -> torch.nn.Module:
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(3)
-        return torch.nn.Sequential(torch.nn.Linear(4, 8), torch.nn.Tanh(), torch.nn.Linear(8, 1))
+        return torch.nn.Sequential(
+            torch.nn.Linear(4, 8), torch.nn.Tanh(), torch.nn.Dropout(0.1), torch.nn.Linear(8, 1)
+        )
 
 
 def _batches(first):
@@ -29,34 +33,58 @@ def _losses(model, batch):
 
 
 def _config(**changes) -> LoopConfig:
-    base = {"steps": 60, "learning_rate": 0.02, "average": 0.9, "log_every": 10, "save_every": 20}
-    return LoopConfig(**(base | changes))
+    base = {"steps": 60, "learning_rate": 0.02, "average": 0.9, "log_every": 15, "save_every": 20}
+    return LoopConfig(**(base | {"tensorboard": False} | changes))
 
 
-def test_a_killed_run_resumes_to_the_same_losses_and_weights(tmp_path):
-    whole, killed = _model(), _model()
-    expected = fit(whole, _batches, _losses, _config(), folder=tmp_path / "whole")
+RECIPES = {
+    "one-cycle with adamw": {},
+    "steps with sgd": {
+        "learning_rate": 0.01,
+        "schedule": ScheduleConfig(kind="steps", milestones=(30, 50)),
+        "optimizer": OptimizerConfig(kind="sgd", weight_decay=1e-4),
+    },
+    "inverse-root with adam": {
+        "learning_rate": 0.3,
+        "schedule": ScheduleConfig(kind="inverse-root", warm_up_steps=20),
+        "optimizer": OptimizerConfig(kind="adam", weight_decay=0.0, beta_2=0.98, epsilon=1e-9),
+    },
+    "plateau with adam": {
+        "schedule": ScheduleConfig(kind="plateau", check_every=7, patience=1, monitor="square"),
+        "optimizer": OptimizerConfig(kind="adam", weight_decay=0.0),
+        "average": 0.0,
+    },
+}
+
+
+@pytest.mark.parametrize("recipe", RECIPES)
+def test_a_killed_run_resumes_to_the_same_losses_and_weights(tmp_path, recipe):
+    whole, killed, config = _model(), _model(), _config(**RECIPES[recipe])
+    expected = fit(whole, _batches, _losses, config, folder=tmp_path / "whole")
+    assert expected[-1]["square"] < 0.7 * expected[0]["square"]
 
     def stop_after_45(step, steps, line):
         if step == 45:
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        fit(
-            killed, _batches, _losses, _config(), folder=tmp_path / "killed", progress=stop_after_45
-        )
+        fit(killed, _batches, _losses, config, folder=tmp_path / "killed", progress=stop_after_45)
     resumed = _model()
-    lines = fit(resumed, _batches, _losses, _config(), folder=tmp_path / "killed")
-    assert [line["step"] for line in lines] == [50, 60]
+    lines = fit(resumed, _batches, _losses, config, folder=tmp_path / "killed")
+    assert [line["step"] for line in lines] == [45, 60]
     for line, wanted in zip(lines, expected[-2:], strict=True):
         assert line["square"] == pytest.approx(wanted["square"], rel=1e-6)
+        assert line["learning_rate"] == wanted["learning_rate"]
+    written = (tmp_path / "killed" / "log.jsonl").read_text().splitlines()
+    assert [json.loads(line)["step"] for line in written] == [15, 30, 45, 60]
     for name, value in whole.state_dict().items():
         torch.testing.assert_close(resumed.state_dict()[name], value)
 
 
 def test_training_lowers_the_loss_and_logs_json_lines(tmp_path):
-    history = fit(_model(), _batches, _losses, _config(), folder=tmp_path)
-    assert history[-1]["square"] < 0.3 * history[0]["square"]
+    history = fit(_model(), _batches, _losses, _config(tensorboard=True), folder=tmp_path)
+    assert history[-1]["square"] < 0.5 * history[0]["square"]
+    assert sum(file.stat().st_size for file in (tmp_path / "tensorboard").iterdir()) > 500
     written = [json.loads(line) for line in (tmp_path / "log.jsonl").read_text().splitlines()]
     assert written == history
 
@@ -65,7 +93,10 @@ def test_a_loss_of_weight_zero_does_not_train():
     model = _model()
     before = {n: v.clone() for n, v in model.state_dict().items()}
     config = _config(
-        steps=5, average=0.0, weight_decay=0.0, loss_weights={"square": 0.0, "size": 0.0}
+        steps=5,
+        average=0.0,
+        optimizer=OptimizerConfig(weight_decay=0.0),
+        loss_weights={"square": 0.0, "size": 0.0},
     )
     fit(model, _batches, _losses, config)
     for name, value in model.state_dict().items():
@@ -78,13 +109,45 @@ def test_a_damaged_state_is_named(tmp_path):
         fit(_model(), _batches, _losses, _config(), folder=tmp_path)
 
 
-def test_the_schedule_rises_and_falls():
-    config = LoopConfig(steps=100, learning_rate=1.0, warm_up=0.1)
-    rates = [config.rate_at(step) for step in range(100)]
+def _rates(steps, **schedule):
+    made = Schedule(ScheduleConfig(**schedule), peak=1.0, steps=steps)
+    return [made.rate(step) for step in range(steps)]
+
+
+def test_one_cycle_rises_and_falls():
+    rates = _rates(100, warm_up=0.1)
     assert rates.index(max(rates)) in (9, 10)
     assert rates[0] == pytest.approx(0.1) and rates[-1] < 0.02
 
 
+def test_the_thesis_divides_by_ten_at_each_milestone():
+    rates = _rates(12, kind="steps", milestones=(4, 8))
+    assert rates == pytest.approx([1.0] * 4 + [0.1] * 4 + [0.01] * 4)
+
+
+def test_equation_4_1_peaks_at_the_end_of_its_warm_up():
+    rates = _rates(100, kind="inverse-root", warm_up_steps=25)
+    assert rates.index(max(rates)) == 24
+    assert rates[24] == pytest.approx(25**-0.5) and rates[99] == pytest.approx(100**-0.5)
+
+
+def test_a_plateau_lowers_the_rate_after_two_checks_in_a_row():
+    schedule = Schedule(
+        ScheduleConfig(kind="plateau", check_every=2, patience=2), peak=1.0, steps=99
+    )
+    rates = []
+    for step, loss in enumerate([5, 5, 4, 4, 4, 4, 3, 3, 3, 3, 3, 3, 3, 3]):
+        schedule.observe(step, {"loss": float(loss)})
+        rates.append(schedule.rate(step))
+    assert rates == pytest.approx([1.0] * 11 + [0.1] * 3)
+    with pytest.raises(InputError, match="watches a loss 'loss'; there are: mse"):
+        schedule.observe(14, {"mse": 1.0})
+
+
 def test_settings_that_cannot_train_are_refused():
-    with pytest.raises(ValueError, match="steps >= 1"):
+    with pytest.raises(ValueError, match="steps, devices"):
         LoopConfig(steps=0)
+    with pytest.raises(ValueError, match="warm_up < 1"):
+        ScheduleConfig(warm_up=1.0)
+    with pytest.raises(ValueError, match="weight_decay >= 0"):
+        OptimizerConfig(weight_decay=-1.0)

@@ -49,6 +49,7 @@ from fusionnet.sentences import Vocabulary, edits, words_of
 from fusionnet.sentences.phrases import COLOR_PHRASES
 from fusionnet.training.aligned_sentences import AlignedSentence, aligned, entity_parts
 from fusionnet.training.loop import LoopConfig, fit
+from fusionnet.training.optimizers import OptimizerConfig
 from fusionnet.training.phrase_book import Pool
 from fusionnet.training.sentence_augmentation import AugmentationConfig, Augmenter
 from fusionnet.training.sentence_edits import (
@@ -354,7 +355,9 @@ def learnt() -> tuple[TranslatorNetwork, Vocabulary, list[dict[str, float]]]:
         network,
         lambda first: iter([batch] * 120),
         lambda wrapped, batch: translator_losses(wrapped, batch, 0.0),
-        LoopConfig(steps=120, learning_rate=2e-2, weight_decay=0.0, log_every=50),
+        LoopConfig(
+            steps=120, learning_rate=2e-2, optimizer=OptimizerConfig(weight_decay=0.0), log_every=50
+        ),
     )
     return network, vocabulary, history
 

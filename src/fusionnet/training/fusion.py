@@ -26,6 +26,7 @@ from fusionnet.models.retinanet import RetinaNet
 from fusionnet.models.tree_program import compile_tree
 from fusionnet.randomness import generator
 from fusionnet.training.loop import LoopConfig, fit
+from fusionnet.training.optimizers import OptimizerConfig
 from fusionnet.training.planned_examples import Example, PlannedExamples
 from fusionnet.training.reader_outputs import (
     ReaderOutputs,
@@ -91,7 +92,7 @@ class FusionConfig:
         default_factory=lambda: LoopConfig(
             steps=2000,
             learning_rate=0.04,
-            weight_decay=0.0,
+            optimizer=OptimizerConfig(weight_decay=0.0),
             average=0.998,
             loss_weights=LOSS_WEIGHTS,
         )

@@ -8,7 +8,7 @@ anew each time it is seen (`sentence_augmentation`).
 import logging
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -134,16 +134,14 @@ def train(config: TranslatorConfig, *, progress: Progress | None = None) -> dict
     invented = aligned_all(islice(synthetic.commands(SYNTHETIC_SEED), config.invented))
     vocabulary = vocabulary_of([*sentences, *invented])
     network = new_network(len(vocabulary), config.seed)
-    with torch.random.fork_rng(devices=[]):
-        torch.manual_seed(derived_seed(config.seed, "translator", "dropout"))
-        history = fit(
-            network,
-            lambda first: batches(sentences, vocabulary, config, first, invented),
-            lambda wrapped, batch: translator_losses(wrapped, batch, config.smoothing),
-            config.loop,
-            folder=config.work,
-            progress=progress,
-        )
+    history = fit(
+        network,
+        lambda first: batches(sentences, vocabulary, config, first, invented),
+        lambda wrapped, batch: translator_losses(wrapped, batch, config.smoothing),
+        replace(config.loop, seed=config.seed),
+        folder=config.work,
+        progress=progress,
+    )
     translator = Translator(network, vocabulary)
     metrics = {
         "sentences": len(sentences),

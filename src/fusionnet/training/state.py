@@ -1,0 +1,96 @@
+"""The resumable state of a run: one safetensors file, written aside and renamed.
+
+It holds the model, its moving average, the optimiser's moments, and (as JSON in the
+file's header) the step and the few numbers that the loop remembers between steps.
+"""
+
+import json
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import torch
+from safetensors import SafetensorError, safe_open
+from safetensors.torch import save_file
+
+from fusionnet.errors import CheckpointError
+
+STATE_FILE = "state.safetensors"
+
+
+def save_state(
+    folder: Path,
+    step: int,
+    model: torch.nn.Module,
+    optimizer: torch.optim.Optimizer,
+    average: Mapping[str, torch.Tensor],
+    memory: Mapping[str, Any],
+) -> None:
+    """Write everything that a resumed run needs.
+
+    Args:
+        folder: Where to.
+        step: Steps done.
+        model: Its parameters and buffers.
+        optimizer: Its moments.
+        average: Moving average of the parameters, by name.
+        memory: What else the loop remembers, as JSON values.
+    """
+    tensors = {f"model.{n}": t for n, t in model.state_dict().items()}
+    tensors |= {f"average.{n}": t for n, t in average.items()}
+    for index, parameter in enumerate(_parameters(optimizer)):
+        for key, value in optimizer.state.get(parameter, {}).items():
+            if value is not None:
+                tensors[f"optimizer.{index}.{key}"] = torch.as_tensor(value)
+    folder.mkdir(parents=True, exist_ok=True)
+    aside = folder / f".{STATE_FILE}.part"
+    state = {n: t.detach().cpu().clone().contiguous() for n, t in tensors.items()}
+    save_file(state, aside, metadata={"step": str(step), "memory": json.dumps(memory)})
+    os.replace(aside, folder / STATE_FILE)
+
+
+def load_state(
+    folder: Path | None,
+    model: torch.nn.Module,
+    optimizer: torch.optim.Optimizer,
+    average: dict[str, torch.Tensor],
+) -> tuple[int, dict[str, Any]]:
+    """Fill everything from a saved state, if there is one; returns its step and memory.
+
+    Raises:
+        CheckpointError: If the state is damaged, or of another model.
+    """
+    file = folder / STATE_FILE if folder is not None else None
+    if file is None or not file.is_file():
+        return 0, {}
+    try:
+        with safe_open(file, framework="pt") as stored:
+            header = stored.metadata()
+            step, memory = int(header["step"]), json.loads(header.get("memory", "{}"))
+            tensors = {name: stored.get_tensor(name) for name in stored.keys()}  # noqa: SIM118
+        model.load_state_dict(
+            {n.removeprefix("model."): t for n, t in tensors.items() if n.startswith("model.")}
+        )
+    except (SafetensorError, RuntimeError, KeyError, TypeError, ValueError) as error:
+        raise CheckpointError(
+            f"Cannot resume from {file}: {error}. Remove it to start again."
+        ) from error
+    for name, parameter in model.named_parameters():
+        if name in average:
+            stored_average = tensors.get(f"average.{name}", parameter.detach())
+            average[name] = stored_average.to(parameter.device, copy=True)
+    for index, parameter in enumerate(_parameters(optimizer)):
+        prefix = f"optimizer.{index}."
+        moments = {
+            n.removeprefix(prefix): t.to(parameter.device)
+            for n, t in tensors.items()
+            if n.startswith(prefix)
+        }
+        if moments:
+            optimizer.state[parameter] = moments
+    return step, memory
+
+
+def _parameters(optimizer: torch.optim.Optimizer) -> list[torch.nn.Parameter]:
+    return [p for group in optimizer.param_groups for p in group["params"]]
