@@ -162,7 +162,7 @@ def images(config: Config) -> dict[str, Any]:
         rival.update_scene(data, camera="left_eye")
         set_lights(rival.scene, look, robot.robot_from_board)
         add_furniture(rival.scene, robot, look)
-        add_blocks(rival.scene, model, layout.blocks, poses, look)
+        add_blocks(rival.scene, model, layout.blocks, poses, look.block_tints)
         return rival.render()
 
     ways = {

@@ -82,9 +82,9 @@ class Offscreen:
         """Throw shadows within this distance of where the light points, in metres."""
         self._context.shadowClip = radius
 
-    def picture(self) -> UInt8[np.ndarray, "h w 3"]:
-        """The scene in colour."""
-        return self._pixels()
+    def picture(self, size: tuple[int, int] | None = None) -> UInt8[np.ndarray, "h w 3"]:
+        """The scene in colour, of another size than the context's own if asked."""
+        return self._pixels(size)
 
     def depth(self) -> Float[np.ndarray, "h w"]:
         """Metres along the camera's axis to what `picture` has just shown in each pixel.
@@ -100,24 +100,25 @@ class Offscreen:
         metres = near * far / (buffer[::-1].astype(np.float64) * (far - near) + near)
         return metres.astype(np.float32)
 
-    def identities(self) -> Int[np.ndarray, "h w"]:
+    def identities(self, size: tuple[int, int] | None = None) -> Int[np.ndarray, "h w"]:
         """For each pixel the `segid` of the shape seen there plus one; 0 where there is none."""
         flags = self.scene.flags
         kept = flags.copy()
         flags[mujoco.mjtRndFlag.mjRND_SEGMENT] = True
         flags[mujoco.mjtRndFlag.mjRND_IDCOLOR] = True
         try:
-            pixels = self._pixels()
+            pixels = self._pixels(size)
         finally:
             np.copyto(flags, kept)
         return pixels[..., 0] + pixels[..., 1].astype(np.int32) * 256
 
-    def _pixels(self) -> UInt8[np.ndarray, "h w 3"]:
+    def _pixels(self, size: tuple[int, int] | None) -> UInt8[np.ndarray, "h w 3"]:
+        width, height = size or self.size
+        rectangle = mujoco.MjrRect(0, 0, width, height)
         self._current().make_current()
-        mujoco.mjr_render(self._rectangle, self.scene, self._context)
-        width, height = self.size
+        mujoco.mjr_render(rectangle, self.scene, self._context)
         pixels = np.empty((height, width, 3), np.uint8)
-        mujoco.mjr_readPixels(pixels, None, self._rectangle, self._context)
+        mujoco.mjr_readPixels(pixels, None, rectangle, self._context)
         return pixels[::-1]
 
     def _current(self) -> Any:

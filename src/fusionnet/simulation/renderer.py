@@ -26,16 +26,21 @@ from fusionnet.simulation.scenery import (
     picture_model,
     set_lights,
 )
+from fusionnet.simulation.silhouettes import silhouette_areas, visible_shares
 from fusionnet.simulation.tabletop import (
     EXTERNAL_POSITION,
     EXTERNAL_TARGET,
     EXTERNAL_VIEW,
     BlockPoses,
+    drawn_corners,
     ideal_poses,
 )
 
 EXTERNAL = "external"
 """Name of the camera that films the robot, beside those in the robot's own model."""
+
+LEAST_SHARE = 0.25
+"""Blocks of which a smaller share is visible are marked as mostly hidden."""
 
 _OPENCV_FROM_OPENGL = np.diag([1.0, -1.0, -1.0])
 
@@ -52,6 +57,8 @@ class View:
         classes: Class index of the block in each box (`fusionnet.blocks.CLASS_NAMES`).
         indices: Which block of the layout each box belongs to.
         visible: Visible pixels of every block of the layout; 0 where it is hidden.
+        shares: For every block of the layout, its visible pixels as a share of its silhouette,
+            the area that it would cover in the picture with nothing before it.
         block_at: For each pixel the block of the layout that is seen there, -1 where there is
             none; only if masks were asked for.
         depth: Metres along the camera's axis to what is seen in each pixel; only if asked for.
@@ -63,6 +70,7 @@ class View:
     classes: Int[np.ndarray, " n"]
     indices: Int[np.ndarray, " n"]
     visible: Int[np.ndarray, " m"]
+    shares: Float[np.ndarray, " m"]
     block_at: Int[np.ndarray, "h w"] | None = None
     depth: Float[np.ndarray, "h w"] | None = None
 
@@ -76,6 +84,11 @@ class View:
         if self.block_at is None:
             raise InputError("This view has no masks; take it with masks=True.")
         return self.block_at == self.indices[:, None, None]
+
+    @property
+    def mostly_hidden(self) -> Bool[np.ndarray, " n"]:
+        """Whether less than a quarter of the block in each box is visible."""
+        return self.shares[self.indices] < LEAST_SHARE
 
 
 class SceneRenderer:
@@ -181,7 +194,7 @@ class SceneRenderer:
         )
         set_lights(scene, appearance, robot_from_board)
         add_furniture(scene, self.robot, appearance)
-        first = add_blocks(scene, self.model, blocks, poses, appearance)
+        first = add_blocks(scene, self.model, blocks, poses, appearance.block_tints)
         self._aim(pinhole)
         image = appearance.develop(self._offscreen.picture())
         distances = self._offscreen.depth() if depth else None
@@ -189,14 +202,20 @@ class SceneRenderer:
         if labels or masks:
             identities = self._offscreen.identities() - first
             visible, boxes = visible_boxes(identities, len(blocks))
+            shares = visible_shares(
+                visible, silhouette_areas(pinhole, drawn_corners(blocks, poses))
+            )
             if masks:
                 shown = (identities > 0) & (identities <= len(blocks))
                 block_at = np.where(shown, identities - 1, -1).astype(np.int16)
         else:
             visible, boxes = np.zeros(len(blocks), int), np.zeros((len(blocks), 4))
+            shares = np.zeros(len(blocks))
         seen = np.flatnonzero(visible)
         classes = np.array([b.class_index for b in blocks], dtype=int)
-        return View(image, pinhole, boxes[seen], classes[seen], seen, visible, block_at, distances)
+        return View(
+            image, pinhole, boxes[seen], classes[seen], seen, visible, shares, block_at, distances
+        )
 
     def camera(self, name: str = "left_eye", appearance: Appearance | None = None) -> PinholeCamera:
         """The camera called `name`, as it stands in pictures of this appearance.

@@ -34,9 +34,14 @@ _MATRIX = np.eye(3).ravel()
 
 
 @lru_cache(maxsize=4)
-def picture_model(robot: str, size: tuple[int, int]) -> mujoco.MjModel:
-    """The robot alone with two lights, the pyramid's mesh, and settings for software rendering."""
-    spec = load(robot).spec()
+def picture_model(robot: str | None, size: tuple[int, int]) -> mujoco.MjModel:
+    """The robot alone with two lights, the pyramid's mesh, and settings for software rendering.
+
+    Args:
+        robot: Name in the robots' catalogue; None for nobody at all.
+        size: Width and height of the largest picture, in pixels.
+    """
+    spec = mujoco.MjSpec() if robot is None else load(robot).spec()
     add_pyramid_mesh(spec, DRAWN_HALF)
     for shadow in (True, False):
         light = spec.worldbody.add_light()
@@ -166,9 +171,17 @@ def add_blocks(
     model: mujoco.MjModel,
     blocks: tuple[Block, ...],
     poses: BlockPoses,
-    appearance: Appearance,
+    tints: Float[np.ndarray, "m 3"],
 ) -> int:
-    """Add the blocks; the segmentation label of block i is the returned number plus i plus 1."""
+    """Add the blocks; the segmentation label of block i is the returned number plus i plus 1.
+
+    Args:
+        scene: To which they are added.
+        model: Has the pyramid's mesh.
+        blocks: What to add.
+        poses: Where.
+        tints: Factors on red, green and blue of each block.
+    """
     pyramid = model.mesh(PYRAMID).id
     # The compiler moves a mesh to its centre of mass and principal axes; move it back.
     offset = model.mesh_pos[pyramid]
@@ -176,13 +189,13 @@ def add_blocks(
     first = scene.ngeom
     for index, block in enumerate(blocks):
         position, rotation = poses.positions[index], poses.rotations[index]
-        color = np.clip(
-            np.array(BLOCK_COLORS[block.color]) * appearance.block_tints[index], 0.0, 1.0
-        )
+        color = np.clip(np.array(BLOCK_COLORS[block.color]) * tints[index], 0.0, 1.0)
+        scale = np.ones(3) if poses.scales is None else poses.scales[index]
         if block.shape is Shape.CUBE:
-            _add_box(scene, position, DRAWN_HALF, color, rotation.ravel())
-        else:
-            center, matrix = position + rotation @ offset, (rotation @ turn).ravel()
+            _add_box(scene, position, DRAWN_HALF * scale, color, rotation.ravel())
+        else:  # a mesh has its size in its corners, so the matrix stretches it
+            stretched = rotation * scale
+            center, matrix = position + stretched @ offset, (stretched @ turn).ravel()
             geom = _add_box(scene, center, DRAWN_HALF, color, matrix, _MESH)
             geom.dataid = 2 * pyramid
     return first

@@ -10,7 +10,7 @@ import mujoco
 import numpy as np
 from jaxtyping import Float
 
-from fusionnet.blocks.grid import BLOCK_SIZE, GRID, Block, Cell
+from fusionnet.blocks.grid import BLOCK_SIZE, GRID, Block, Cell, Shape
 from fusionnet.geometry import apply
 
 BOARD_SIZE = GRID * BLOCK_SIZE
@@ -78,10 +78,12 @@ class BlockPoses:
     Attributes:
         positions: Centres, in the robot frame, in metres.
         rotations: Rotation matrices `robot_from_block`.
+        scales: Factors on each block's size along its own axes; none if left out.
     """
 
     positions: Float[np.ndarray, "n 3"]
     rotations: Float[np.ndarray, "n 3 3"]
+    scales: Float[np.ndarray, "n 3"] | None = None
 
 
 def ideal_poses(
@@ -101,3 +103,20 @@ def ideal_poses(
         board_from_block[:, 1, 0] = np.sin(turns[:count])
         board_from_block[:, 0, 1] = -board_from_block[:, 1, 0]
     return BlockPoses(apply(robot_from_board, centers), robot_from_board[:3, :3] @ board_from_block)
+
+
+_CUBE = np.array([[x, y, z] for z in (-1.0, 1.0) for y in (-1.0, 1.0) for x in (-1.0, 1.0)])
+_PYRAMID = _CUBE * np.repeat([[1.0, 1.0, 1.0], [0.0, 0.0, 1.0]], 4, axis=0)
+
+
+def drawn_corners(blocks: tuple[Block, ...], poses: BlockPoses) -> Float[np.ndarray, "n 8 3"]:
+    """The corners of every block as drawn, in the frame of `poses` (metres).
+
+    The first four are the foot's; a pyramid's last four are all its tip.
+    """
+    unit = np.array([_CUBE if b.shape is Shape.CUBE else _PYRAMID for b in blocks])
+    corners = unit.reshape(-1, 8, 3) * DRAWN_HALF
+    if poses.scales is not None:
+        corners *= poses.scales[:, None]
+    turned: np.ndarray = corners @ poses.rotations.transpose(0, 2, 1) + poses.positions[:, None]
+    return turned
