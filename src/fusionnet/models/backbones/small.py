@@ -39,6 +39,8 @@ class Small(nn.Module):
 
     strides = (4, 8, 16)
     channels = (40, 80, 128)
+    mean = (0.5, 0.5, 0.5)
+    deviation = (0.5, 0.5, 0.5)
 
     def __init__(self) -> None:
         super().__init__()
