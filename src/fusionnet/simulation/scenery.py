@@ -34,12 +34,15 @@ _MATRIX = np.eye(3).ravel()
 
 
 @lru_cache(maxsize=4)
-def picture_model(robot: str | None, size: tuple[int, int]) -> mujoco.MjModel:
+def picture_model(
+    robot: str | None, size: tuple[int, int], shadow_pixels: int = SHADOW_PIXELS
+) -> mujoco.MjModel:
     """The robot alone with two lights, the pyramid's mesh, and settings for software rendering.
 
     Args:
         robot: Name in the robots' catalogue; None for nobody at all.
         size: Width and height of the largest picture, in pixels.
+        shadow_pixels: Edge of the shadow map.
     """
     spec = mujoco.MjSpec() if robot is None else load(robot).spec()
     add_pyramid_mesh(spec, DRAWN_HALF)
@@ -52,7 +55,7 @@ def picture_model(robot: str | None, size: tuple[int, int]) -> mujoco.MjModel:
     visual.global_.offwidth, visual.global_.offheight = size
     visual.quality.offsamples = 0
     visual.quality.numslices, visual.quality.numstacks = 18, 10
-    visual.quality.shadowsize = SHADOW_PIXELS
+    visual.quality.shadowsize = shadow_pixels
     visual.map.shadowclip = SHADOW_RADIUS
     visual.map.znear = 0.05
     visual.map.zfar = 12.0
@@ -94,13 +97,14 @@ def hide_unseen(
     if appearance.shadows:
         towards = robot_from_board[:3, :3] @ appearance.light_direction
         towards = towards / np.linalg.norm(towards)
-        offset = data.geom_xpos - _board_center(robot_from_board)
+        offset = data.geom_xpos - board_center(robot_from_board)
         beside = offset - np.outer(offset @ towards, towards)
         seen |= np.linalg.norm(beside, axis=1) < shadow_radius * np.sqrt(2.0) + radius
     model.geom_group[:] = np.where(seen, groups, HIDDEN_GROUP)
 
 
-def _board_center(robot_from_board: Float[np.ndarray, "4 4"]) -> Float[np.ndarray, "3"]:
+def board_center(robot_from_board: Float[np.ndarray, "4 4"]) -> Float[np.ndarray, "3"]:
+    """What the lights point at, in the robot frame."""
     return apply(robot_from_board, np.array([BOARD_SIZE / 2, BOARD_SIZE / 2, BOARD_SIZE / 4]))
 
 
@@ -108,7 +112,7 @@ def set_lights(
     scene: mujoco.MjvScene, appearance: Appearance, robot_from_board: Float[np.ndarray, "4 4"]
 ) -> None:
     """Light the scene as the appearance says."""
-    center = _board_center(robot_from_board)
+    center = board_center(robot_from_board)
     rays = [
         (appearance.light_direction, appearance.light),
         (appearance.fill_direction, appearance.fill),

@@ -21,7 +21,7 @@ from fusionnet.robots import load
 from fusionnet.simulation import BLOCK_COLORS, Appearance, View
 from fusionnet.simulation.offscreen import Offscreen
 from fusionnet.simulation.renderer import visible_boxes
-from fusionnet.simulation.scenery import SHADOW_RADIUS, add_blocks, picture_model, set_lights
+from fusionnet.simulation.scenery import add_blocks, board_center, picture_model, set_lights
 from fusionnet.simulation.silhouettes import silhouette_areas, visible_shares
 from fusionnet.simulation.tabletop import BlockPoses, drawn_corners, ideal_poses
 from fusionnet.views.lighting import estimate_light
@@ -32,6 +32,11 @@ from fusionnet.views.view import EnvironmentalView
 SUPERSAMPLING = 2
 """Colour samples a pixel along each axis, where there are blocks."""
 
+SHADOW_PIXELS = 512
+"""Edge of the map of the shadows that blocks throw on blocks."""
+
+_TWIN_SCALE = 0.95
+_BLACK = np.zeros(3)
 _BOARD = np.eye(4)
 _PLAIN = Look()
 
@@ -64,9 +69,8 @@ class OverlayRenderer:
         self.size = size
         self.robot = load(robot)
         largest = (SUPERSAMPLING * size[0], SUPERSAMPLING * size[1])
-        self._model = picture_model(None, largest)
+        self._model = picture_model(None, largest, SHADOW_PIXELS)
         self._offscreen = Offscreen(self._model, largest)
-        self._offscreen.set_shadow_radius(SHADOW_RADIUS)
         data = mujoco.MjData(self._model)
         mujoco.mj_forward(self._model, data)
         mujoco.mjv_updateScene(
@@ -113,22 +117,25 @@ class OverlayRenderer:
         poses = displaced_poses(layout.blocks, look)
         corners = drawn_corners(layout.blocks, poses)
         image = look.on_photograph(backdrop.image)
-        identities = np.zeros(self.size[::-1], np.int32)
         region = self._region(backdrop.camera, corners, view.name)
         if light.shadows:
             image = cast_shadows(image, corners, light, backdrop.camera)
+        count = len(layout.blocks)
+        visible, boxes = np.zeros(count, int), np.zeros((count, 4))
+        block_at = np.full(self.size[::-1], -1, np.int16) if masks else None
         if region is not None:
             tints = np.array(
                 [look.tint(BLOCK_COLORS[b.color], i) for i, b in enumerate(layout.blocks)]
             )
-            scene = self._offscreen.scene
-            scene.ngeom = 0
-            set_lights(scene, light, _BOARD)
-            add_blocks(scene, self._model, layout.blocks, poses, tints)
+            self._set_scene(layout.blocks, poses, tints, light, corners)
             self._aim(backdrop.camera, region)
             image = image.copy() if image is backdrop.image else image
-            self._draw(image, identities, region)
-        visible, boxes = visible_boxes(identities, len(layout.blocks))
+            identities = self._draw(image, region)
+            left, top, right, bottom = region
+            visible, boxes = visible_boxes(identities, count)
+            boxes += [left, top, left, top]
+            if block_at is not None:
+                block_at[top:bottom, left:right] = identities - 1
         seen = np.flatnonzero(visible)
         camera = replace(
             backdrop.camera,
@@ -142,7 +149,7 @@ class OverlayRenderer:
             indices=seen,
             visible=visible,
             shares=visible_shares(visible, silhouette_areas(backdrop.camera, corners)),
-            block_at=(identities - 1).astype(np.int16) if masks else None,
+            block_at=block_at,
         )
 
     def close(self) -> None:
@@ -185,24 +192,44 @@ class OverlayRenderer:
         right, bottom = np.clip(np.ceil(pixels.max(axis=0)) + 1, 0, self.size).astype(int).tolist()
         return (left, top, right, bottom) if left < right and top < bottom else None
 
-    def _draw(
+    def _set_scene(
         self,
-        image: UInt8[np.ndarray, "h w 3"],
-        identities: Int[np.ndarray, "h w"],
-        region: Region,
+        blocks: tuple[Block, ...],
+        poses: BlockPoses,
+        tints: Float[np.ndarray, "n 3"],
+        light: Appearance,
+        corners: Float[np.ndarray, "n 8 3"],
     ) -> None:
-        """Draw the scene's blocks into the picture and their numbers, from 1, into `identities`."""
+        scene = self._offscreen.scene
+        scene.ngeom = 0
+        set_lights(scene, light, _BOARD)
+        add_blocks(scene, self._model, blocks, poses, tints)
+        # Surfaces that shade themselves come out speckled; slightly smaller, hidden, twins throw
+        # the shadows instead.
+        for geom in scene.geoms[: scene.ngeom]:
+            geom.castshadow = False
+        assert poses.scales is not None
+        twins = replace(poses, scales=_TWIN_SCALE * poses.scales)
+        add_blocks(scene, self._model, blocks, twins, tints)
+        offsets = corners.reshape(-1, 3) - board_center(_BOARD)
+        # No wider than the blocks, so that a small shadow map is fine enough.
+        self._offscreen.set_shadow_radius(np.linalg.norm(offsets, axis=1).max() + 0.005)
+
+    def _draw(self, image: UInt8[np.ndarray, "h w 3"], region: Region) -> Int[np.ndarray, "h2 w2"]:
+        """Draw the scene's blocks into the picture; the number, from 1, seen in each pixel."""
         left, top, right, bottom = region
         size = (right - left, bottom - top)
         fine = self._offscreen.picture((SUPERSAMPLING * size[0], SUPERSAMPLING * size[1]))
+        fine = np.ascontiguousarray(fine)
         # Around the blocks the rendering is black, so its mean is already weighted by coverage.
-        covered = cv2.threshold(fine.max(axis=2), 0, 255, cv2.THRESH_BINARY)[1]
-        drawn = cv2.resize(np.ascontiguousarray(fine), size, interpolation=cv2.INTER_AREA)
-        shown = cv2.bitwise_not(cv2.resize(covered, size, interpolation=cv2.INTER_AREA))
+        drawn = cv2.resize(fine, size, interpolation=cv2.INTER_AREA)
+        uncovered = cv2.resize(
+            cv2.inRange(fine, _BLACK, _BLACK), size, interpolation=cv2.INTER_AREA
+        )
         part = np.ascontiguousarray(image[top:bottom, left:right])
-        part = cv2.multiply(part, cv2.cvtColor(shown, cv2.COLOR_GRAY2RGB), scale=1.0 / 255.0)
+        part = cv2.multiply(part, cv2.cvtColor(uncovered, cv2.COLOR_GRAY2RGB), scale=1.0 / 255.0)
         image[top:bottom, left:right] = cv2.add(part, drawn)
-        identities[top:bottom, left:right] = self._offscreen.identities(size)
+        return self._offscreen.identities(size)
 
     def _aim(self, camera: PinholeCamera, region: Region) -> None:
         """Point both OpenGL cameras (one for each eye of a stereo display) at a region."""
@@ -221,7 +248,7 @@ class OverlayRenderer:
 
 
 def displaced_poses(blocks: tuple[Block, ...], look: Look = _PLAIN) -> BlockPoses:
-    """Every block in its cell as this look moves it, in the board frame."""
+    """Every block in its cell as this look moves and scales it, in the board frame."""
     ideal = ideal_poses(blocks, _BOARD)
     count = len(blocks)
     turns = Rotation.from_euler("xyz", look.turns[:count]).as_matrix() if count else ideal.rotations

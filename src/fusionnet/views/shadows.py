@@ -12,22 +12,34 @@ References:
 """
 
 from functools import cache
+from typing import NamedTuple
 
 import cv2
 import numpy as np
-from jaxtyping import Float, UInt8
+from jaxtyping import Float, Int, UInt8, UInt16
 
 from fusionnet.geometry import PinholeCamera, apply
 from fusionnet.simulation import Appearance
 from fusionnet.simulation.tabletop import BOARD_SIZE
 
-RESOLUTION = 0.00125
-"""Edge of one pixel of the shaded plan of the table, in metres."""
+FINE, COARSE = 0.00125, 0.005
+"""Edge of a pixel of the plan of the table for sharp shadows and for soft ones, in metres."""
+
+SOFTNESS = 0.009
+"""Standard deviation of the blur that joins the few rays of a wide light, in metres."""
+
+LAMP_RADIUS = np.deg2rad(3.0)
+"""Angular radius of the main light: a lamp 20 cm across at two metres."""
+
+FILL_RADIUS = np.deg2rad(15.0)
+"""Angular radius of the fill light: a window or a bright wall."""
 
 REACHES = (0.35, 0.12, 0.03)
 """How far beyond the grid shadows are followed, in metres; the first that the camera can see."""
 
 _SUBPIXEL_BITS = 4
+_WHOLE = 65000
+_LEAST_DESCENT = 0.1
 _LEAST_DEPTH = 0.02
 
 
@@ -90,60 +102,112 @@ def table_ratio(
         The plan, or None where no shadow falls, and the homography `board_from_plan` from its
         pixels to metres.
     """
+    nothing = (None, np.eye(3))
     if not len(corners) or reach is None:
-        return None, np.eye(3)
-    rays, weights = light_directions(light)
-    along = rays[:, :2] / rays[:, 2:]
-    feet = corners[None, ..., :2] - corners[None, ..., 2:] * along[:, None, None]
-    low = np.maximum(feet.min(axis=(0, 1, 2)), -reach)
-    high = np.minimum(feet.max(axis=(0, 1, 2)), BOARD_SIZE + reach)
-    width, height = np.ceil((high - low) / RESOLUTION).astype(int) + 4
-    if width <= 4 or height <= 4:
-        return None, np.eye(3)
-    origin = low - 2.0 * RESOLUTION
-    pixels = ((feet - origin) / RESOLUTION * 2**_SUBPIXEL_BITS).round().astype(np.int32)
-    # Sixteen-bit sums of the light that is missing.
-    steps = np.rint(weights * 65000).astype(int)
-    missing = np.zeros((height, width), np.uint16)
+        return nothing
+    lamp, surroundings = light_directions(light)
+    outlines = [_outlines(corners, rays) for rays in (lamp.rays, surroundings.rays)]
+    every = np.concatenate([o.reshape(-1, 2) for o in outlines])
+    low = np.maximum(every.min(axis=0), -reach) - 2 * COARSE
+    high = np.minimum(every.max(axis=0), BOARD_SIZE + reach) + 2 * COARSE
+    if np.any(high - low <= 4 * COARSE):
+        return nothing
+    coarse_size = np.ceil((high - low) / COARSE).astype(int)
+    fine_size = coarse_size * round(COARSE / FINE)
+    sharp = cv2.blur(_missing(outlines[0], lamp.shares, low, FINE, fine_size), (3, 3))
+    soft = _missing(outlines[1], surroundings.shares, low, COARSE, coarse_size)
+    soft = cv2.GaussianBlur(soft, (0, 0), SOFTNESS / COARSE)
+    soft = np.rint(soft * _fading(low, coarse_size, reach)).astype(np.uint16)
+    missing = cv2.add(sharp, cv2.resize(soft, fine_size.tolist(), interpolation=cv2.INTER_LINEAR))
+    plan = cv2.bitwise_not(cv2.convertScaleAbs(missing, alpha=255.0 / _WHOLE))
+    # Whole pixels are at centres; `low` is the first one's edge.
+    board_from_plan = np.diag([FINE, FINE, 1.0])
+    board_from_plan[:2, 2] = low + 0.5 * FINE
+    return plan, board_from_plan
+
+
+def _fading(
+    low: Float[np.ndarray, "2"], size: Int[np.ndarray, "2"], reach: float
+) -> Float[np.ndarray, "h w"]:
+    """Factors that let long faint shadows end gently where the plan must end."""
+    across, down = (
+        low[axis] + (np.arange(size[axis]) + 0.5) * COARSE - 0.5 * BOARD_SIZE for axis in (0, 1)
+    )
+    left = [reach + 0.5 * BOARD_SIZE - np.abs(offset) for offset in (across, down)]
+    across_factor, down_factor = (np.clip(3.0 * beyond / reach, 0.0, 1.0) for beyond in left)
+    factors: np.ndarray = np.outer(down_factor, across_factor)
+    return factors
+
+
+def _missing(
+    outlines: Float[np.ndarray, "k n 6 2"],
+    shares: Float[np.ndarray, " k"],
+    low: Float[np.ndarray, "2"],
+    resolution: float,
+    size: Int[np.ndarray, "2"],
+) -> UInt16[np.ndarray, "h w"]:
+    """The light that does not reach each pixel of a plan; `_WHOLE` is all light."""
+    pixels = np.rint(((outlines - low) / resolution - 0.5) * 2**_SUBPIXEL_BITS).astype(np.int32)
+    missing = np.zeros((size[1], size[0]), np.uint16)
     one = np.empty_like(missing)
-    for polygons, step in zip(pixels, steps.tolist(), strict=True):
+    for polygons, step in zip(pixels, np.rint(shares * _WHOLE).astype(int).tolist(), strict=True):
         one[:] = 0
         for polygon in polygons:
-            cv2.fillConvexPoly(one, cv2.convexHull(polygon), step, cv2.LINE_8, _SUBPIXEL_BITS)
+            cv2.fillConvexPoly(one, polygon, step, cv2.LINE_8, _SUBPIXEL_BITS)
         cv2.add(missing, one, missing)
-    missing = cv2.blur(missing, (3, 3))
-    plan = cv2.convertScaleAbs(missing, alpha=255.0 / 65000.0)
-    board_from_plan = np.array(
-        [[RESOLUTION, 0.0, origin[0]], [0.0, RESOLUTION, origin[1]], [0.0, 0.0, 1.0]]
+    return missing
+
+
+def _outlines(
+    corners: Float[np.ndarray, "n 8 3"], rays: Float[np.ndarray, "k 3"]
+) -> Float[np.ndarray, "k n 6 2"]:
+    """Corners, in order, of the shadow of every block on the table along every ray.
+
+    Along a ray, a box shows the six corners that are neither its nearest nor its farthest.
+    A pyramid's outline has fewer corners; its last one is repeated.
+    """
+    along = rays[:, :2] / rays[:, 2:]
+    shadows: np.ndarray = corners[None, ..., :2] - corners[None, ..., 2:] * along[:, None, None]
+    edges = corners[:, [1, 2, 4]] - corners[:, :1]
+    farthest = (np.einsum("kc,nec->kne", rays, edges) > 0.0) @ np.array([1, 2, 4])
+    order = farthest[..., None] ^ np.array([1, 3, 2, 6, 4, 5])
+    outlines = np.take_along_axis(shadows, order[..., None], axis=2)
+    for index in np.flatnonzero(np.all(corners[:, 4] == corners[:, 7], axis=1)):
+        for shadow, outline in zip(shadows[:, index], outlines[:, index], strict=True):
+            hull = cv2.convexHull(shadow[:5].astype(np.float32))[:, 0]
+            outline[:] = hull[np.minimum(np.arange(6), len(hull) - 1)]
+    return outlines
+
+
+class LightRays(NamedTuple):
+    """Directions of rays (board frame), and the share of all light on the table along each."""
+
+    rays: Float[np.ndarray, "k 3"]
+    shares: Float[np.ndarray, " k"]
+
+
+def light_directions(light: Appearance) -> tuple[LightRays, LightRays]:
+    """The rays of the lamp, which throws sharp shadows, and those of its surroundings."""
+    directions = (
+        _around(light.light_direction, LAMP_RADIUS, 8),
+        _around(light.fill_direction, FILL_RADIUS, 6),
+        _sky(24),
     )
-    return cv2.bitwise_not(plan), board_from_plan
-
-
-def light_directions(
-    light: Appearance,
-) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, " n"]]:
-    """Directions of rays (board frame), and the share of the table's light along each."""
-    rays, weights = [], []
-    for direction, strength, radius, count in (
-        (light.light_direction, light.light, LAMP_RADIUS, 8),
-        (light.fill_direction, light.fill, FILL_RADIUS, 4),
-    ):
-        spread = _around(direction, radius, count)
-        rays.append(spread)
-        weights.append(np.maximum(-spread[:, 2], 0.0) * strength.mean() / count)
-    sky = _sky(10)
-    rays.append(sky)
-    weights.append(np.full(len(sky), light.ambient.mean() / len(sky)))
-    every, shares = np.concatenate(rays), np.concatenate(weights)
-    kept = every[:, 2] < -0.1
-    return every[kept], shares[kept] / shares.sum()
-
-
-LAMP_RADIUS = np.deg2rad(3.0)
-"""Angular radius of the main light: a ceiling lamp of 20 cm across at two metres."""
-
-FILL_RADIUS = np.deg2rad(15.0)
-"""Angular radius of the fill light: a window or a bright wall."""
+    weights = [
+        light.light.mean() * np.maximum(-directions[0][:, 2], 0.0) / len(directions[0]),
+        light.fill.mean() * np.maximum(-directions[1][:, 2], 0.0) / len(directions[1]),
+        np.full(len(directions[2]), light.ambient.mean() / len(directions[2])),
+    ]
+    total = sum(w.sum() for w in weights)
+    steep = [rays[:, 2] < -_LEAST_DESCENT for rays in directions]
+    lamp, fill, sky = (
+        LightRays(rays[kept], weight[kept] / total)
+        for rays, weight, kept in zip(directions, weights, steep, strict=True)
+    )
+    surroundings = LightRays(
+        np.concatenate([fill.rays, sky.rays]), np.concatenate([fill.shares, sky.shares])
+    )
+    return lamp, surroundings
 
 
 def _around(
@@ -176,7 +240,7 @@ def _spiral(count: int) -> Float[np.ndarray, "n 2"]:
 def _reach(camera: PinholeCamera) -> float | None:
     """How far around the grid the whole table lies in front of the camera, in metres."""
     for reach in REACHES:
-        low, high = -reach - 4 * RESOLUTION, BOARD_SIZE + reach + 4 * RESOLUTION
+        low, high = -reach - 4 * COARSE, BOARD_SIZE + reach + 4 * COARSE
         square = np.array([[x, y, 0.0] for x in (low, high) for y in (low, high)])
         if apply(camera.camera_from_robot, square)[:, 2].min() > _LEAST_DEPTH:
             return reach
