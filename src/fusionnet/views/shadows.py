@@ -167,7 +167,8 @@ def _outlines(
     A pyramid's outline has fewer corners; its last one is repeated.
     """
     along = rays[:, :2] / rays[:, 2:]
-    shadows: np.ndarray = corners[None, ..., :2] - corners[None, ..., 2:] * along[:, None, None]
+    heights = np.maximum(corners[None, ..., 2:], 0.0)  # of what has sunk in, only the foot counts
+    shadows: np.ndarray = corners[None, ..., :2] - heights * along[:, None, None]
     edges = corners[:, [1, 2, 4]] - corners[:, :1]
     farthest = (np.einsum("kc,nec->kne", rays, edges) > 0.0) @ np.array([1, 2, 4])
     order = farthest[..., None] ^ np.array([1, 3, 2, 6, 4, 5])
