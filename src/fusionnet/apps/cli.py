@@ -58,6 +58,10 @@ COMMANDS = {
         "run the experiments of the thesis, and ours", "fusionnet.apps.reproduce:reproduce"
     ),
     "report": Entry("all results beside the thesis's, one page", "fusionnet.apps.report:report"),
+    "dataset build": Entry(
+        "pictures, sentences, trees and joint angles", "fusionnet.apps.dataset:build"
+    ),
+    "dataset info": Entry("say what a data set holds", "fusionnet.apps.dataset:info"),
     "robot table": Entry("make a robot's table of joint angles", "fusionnet.apps.robot:table"),
 }
 

@@ -52,18 +52,33 @@ def command(seed: int, number: int) -> Command:
     chance = Random(int(rng.integers(1 << 62)))
     while True:
         layout = random_layout(rng)
-        meanings = Meanings(layout, chance)
-        for _ in range(TRIES):
-            tree = meanings.tree()
-            move = None if tree is None else _move(tree, layout)
-            if tree is None or move is None:
-                continue
-            sentence, tree = word(tree, chance)
-            before = Layout(layout.blocks, layout.gripper, 2 * number - 1)
-            after = apply(move, layout)
-            after = Layout(after.blocks, after.gripper, 2 * number)
-            scene = Scene(before, after, number, (number - 1) % GROUPS + 1)
-            return Command(number, sentence, tree, scene, "synthetic")
+        found = spoken(layout, chance)
+        if found is None:
+            continue
+        sentence, tree, move = found
+        before = Layout(layout.blocks, layout.gripper, 2 * number - 1)
+        after = apply(move, layout)
+        after = Layout(after.blocks, after.gripper, 2 * number)
+        scene = Scene(before, after, number, (number - 1) % GROUPS + 1)
+        return Command(number, sentence, tree, scene, "synthetic")
+
+
+def spoken(layout: Layout, chance: Random) -> tuple[str, Tree, Move] | None:
+    """A sentence for a given layout, its tree and its move; None if none was found in some tries.
+
+    Args:
+        layout: What the sentence speaks of.
+        chance: Where chance comes from.
+    """
+    meanings = Meanings(layout, chance)
+    for _ in range(TRIES):
+        tree = meanings.tree()
+        move = None if tree is None else _move(tree, layout)
+        if tree is None or move is None:
+            continue
+        sentence, tree = word(tree, chance)
+        return sentence, tree, move
+    return None
 
 
 def _move(tree: Tree, layout: Layout) -> Move | None:
