@@ -1,8 +1,8 @@
 """The one training loop: steps over batches, a schedule, a journal, checkpoints, resume.
 
 It runs on Lightning Fabric, so the same lines train on a CPU, one GPU or several.
-A model brings its own losses as a named dictionary; the loop adds them up with
-fixed weights, steps the optimiser, and writes one JSON line every few steps.
+A model brings its own losses as a named dictionary; a weighting makes one gradient of
+them, the loop steps the optimiser, and writes one JSON line every few steps.
 """
 
 import logging
@@ -18,10 +18,12 @@ from lightning.fabric import Fabric
 
 from fusionnet.errors import InputError
 from fusionnet.randomness import derived_seed
+from fusionnet.training import weightings
 from fusionnet.training.journal import Journal, LogLine
 from fusionnet.training.optimizers import OptimizerConfig, new_optimizer
 from fusionnet.training.schedules import Schedule, ScheduleConfig
 from fusionnet.training.state import load_state, save_state
+from fusionnet.training.weightings import GradientWeighting, Weighting
 
 log = logging.getLogger(__name__)
 
@@ -39,7 +41,11 @@ class LoopConfig:
         schedule: How the learning rate rises and falls.
         optimizer: Which optimiser, and its own numbers.
         clip: Greatest norm of the gradient; 0 turns it off.
-        loss_weights: Fixed factor of each named loss; 1 where none is given.
+        loss_weights: Fixed factor of each named loss; 1 where none is given. A loss with the
+            factor 0 is not learnt from.
+        weighting: Name in `training.weightings`: how one gradient is made of the losses. Those
+            that look at gradients train on one device.
+        primary: The loss that a weighting with priorities puts first.
         average: Decay of the exponential moving average of the weights; 0 turns it off.
         precision: Fabric's name: "32-true" or "bf16-mixed".
         channels_last: Whether pictures and filters lie with their channels side by side, which
@@ -58,6 +64,8 @@ class LoopConfig:
     optimizer: OptimizerConfig = field(default_factory=OptimizerConfig)
     clip: float = 1.0
     loss_weights: Mapping[str, float] = field(default_factory=dict)
+    weighting: str = "fixed"
+    primary: str = ""
     average: float = 0.0
     precision: str = "32-true"
     channels_last: bool = False
@@ -113,7 +121,10 @@ def fit(
     if config.channels_last:
         model.to(memory_format=torch.channels_last)
     model.to(fabric.device)
+    weighting = _new_weighting(config).to(fabric.device)
     optimizer = new_optimizer(config.optimizer, model, config.learning_rate)
+    if own := list(weighting.parameters()):
+        optimizer.add_param_group({"params": own, "weight_decay": 0.0})
     schedule = Schedule(config.schedule, peak=config.learning_rate, steps=config.steps)
     average = {n: p.detach().clone() for n, p in model.named_parameters()} if config.average else {}
     first, memory = load_state(folder, model, optimizer, average)
@@ -121,6 +132,8 @@ def fit(
         log.info("resumed from step %d", first)
     if "schedule" in memory:
         schedule.restore(memory["schedule"])
+        state = {name: torch.tensor(v) for name, v in memory["weighting"].items()}
+        weighting.load_state_dict(state, strict=False)
     sums: dict[str, float] = memory.get("sums", {})
     counted, spent = int(memory.get("counted", 0)), float(memory.get("seconds", 0.0))
     wrapped, optimizer = fabric.setup(model, optimizer)
@@ -142,16 +155,15 @@ def fit(
             for group in optimizer.param_groups:
                 group["lr"] = rate
             named = losses(wrapped, fabric.to_device(batch))
-            weighted = [v * config.loss_weights.get(k, 1.0) for k, v in named.items()]
-            total = torch.stack(weighted).sum()
+            learnt = _learnt(named, config, weighting)
             optimizer.zero_grad()
-            fabric.backward(total)
+            weighting.differentiate(learnt, list(model.parameters()), fabric.backward)
             if config.clip:
                 fabric.clip_gradients(wrapped, optimizer, max_norm=config.clip)
             optimizer.step()
             if config.average:
                 _update(average, model, min(config.average, (step + 1) / (step + 10)))
-            values = _values(fabric, {**named, "loss": total})
+            values = _values(fabric, {**named, "loss": learnt.sum()})
             schedule.observe(step, values)
             for name, value in values.items():
                 sums[name] = sums.get(name, 0.0) + value
@@ -170,6 +182,7 @@ def fit(
                 seconds = round(time.monotonic() - began, 2)
                 memory = {"sums": sums, "counted": counted, "seconds": seconds}
                 memory["schedule"] = schedule.state()
+                memory["weighting"] = {n: t.tolist() for n, t in weighting.state_dict().items()}
                 save_state(written, step + 1, model, optimizer, average, memory)
             if progress is not None and fabric.is_global_zero:
                 progress(step + 1, config.steps, history[-1] if history else {})
@@ -177,6 +190,43 @@ def fit(
         model.load_state_dict(average, strict=False)
     model.eval()
     return history
+
+
+def _new_weighting(config: LoopConfig) -> Weighting:
+    """The weighting that a configuration names, with the primary loss first.
+
+    On resuming it gets its parameters back, but moving averages of gradients begin anew.
+    """
+    names = sorted(config.loss_weights, key=lambda name: name != config.primary)
+    weighting: Weighting = weightings.load(config.weighting)(names)
+    if isinstance(weighting, GradientWeighting) and config.devices > 1:
+        raise InputError(
+            f"The weighting {config.weighting!r} looks at gradients and trains on one device, "
+            f"not {config.devices}; fixed and uncertainty train on several."
+        )
+    if config.weighting != "fixed" and len(names) < 2:
+        raise InputError(
+            f"The weighting {config.weighting!r} needs to know its losses: name at least two in "
+            "loss_weights, with the factor 1 each if nothing speaks against it."
+        )
+    if config.primary and config.primary not in names:
+        raise InputError(
+            f"The primary loss {config.primary!r} is not one of loss_weights: {', '.join(names)}."
+        )
+    return weighting
+
+
+def _learnt(
+    losses: Mapping[str, torch.Tensor], config: LoopConfig, weighting: Weighting
+) -> torch.Tensor:
+    """The losses to learn from, times their factors, in the order of the weighting's names."""
+    factors = {name: config.loss_weights.get(name, 1.0) for name in losses}
+    if config.weighting == "fixed":
+        kept = [v * factors[k] for k, v in losses.items() if factors[k]]
+        return torch.stack(kept or [0.0 * v for v in losses.values()])
+    if unknown := losses.keys() - set(weighting.names):
+        raise InputError(f"loss_weights lacks {', '.join(sorted(unknown))}.")
+    return torch.stack([losses[name] * factors[name] for name in weighting.names])
 
 
 def _values(fabric: Fabric, losses: Mapping[str, torch.Tensor]) -> dict[str, float]:

@@ -1,0 +1,114 @@
+import pytest
+import torch
+
+from fusionnet.errors import InputError
+from fusionnet.training import weightings
+from fusionnet.training.conflict import gradient_cosines
+from fusionnet.training.loop import LoopConfig, fit
+
+NAMES = ("first", "second")
+
+
+class Point(torch.nn.Module):
+    """Two losses that pull one point to two places, one of them a hundred times as hard."""
+
+    def __init__(self):
+        super().__init__()
+        self.place = torch.nn.Parameter(torch.tensor([1.0, 1.0]))
+
+    def losses(self, _):
+        first = (self.place - torch.tensor([1.0, 0.0])).square().sum()
+        second = 100 * (self.place - torch.tensor([0.0, 0.0])).square().sum()
+        return {"first": first, "second": second}
+
+
+def batches(_):
+    while True:
+        yield torch.zeros(1)
+
+
+def config(name: str, **changes) -> LoopConfig:
+    base = {"steps": 200, "learning_rate": 0.05, "tensorboard": False, "clip": 0.0}
+    weights = {"loss_weights": dict.fromkeys(NAMES, 1.0), "weighting": name}
+    return LoopConfig(**(base | weights | changes))
+
+
+@pytest.mark.parametrize("name", weightings.names())
+def test_every_weighting_trains_to_where_no_loss_can_fall_alone(name):
+    model = Point()
+    fit(model, batches, lambda wrapped, b: model.losses(b), config(name, primary="first"))
+    x, y = model.place.tolist()
+    assert -0.05 <= x <= 1.05 and abs(y) < 0.15  # between the two places: the Pareto set
+
+
+def test_fixed_is_the_sum_of_the_gradients():
+    model = Point()
+    losses = torch.stack(list(model.losses(None).values()))
+    weightings.load("fixed")(NAMES).differentiate(
+        losses, list(model.parameters()), lambda loss: loss.backward()
+    )
+    assert torch.allclose(model.place.grad, torch.tensor([200.0, 202.0]))
+
+
+def test_upgrad_never_raises_a_loss():
+    model = Point()
+    with torch.no_grad():
+        model.place.copy_(
+            torch.tensor([0.5, 0.05])
+        )  # the losses nearly pull in opposite directions
+    losses = model.losses(None)
+    gradients = [
+        torch.autograd.grad(loss, model.place, retain_graph=True)[0] for loss in losses.values()
+    ]
+    weightings.load("upgrad")(NAMES).differentiate(
+        torch.stack(list(losses.values())), list(model.parameters()), lambda loss: loss.backward()
+    )
+    assert all(model.place.grad @ g > -0.02 * g.norm() for g in gradients)
+
+
+def test_a_loss_with_factor_zero_is_not_learnt():
+    model = Point()
+    weights = {"first": 1.0, "second": 0.0}
+    fit(model, batches, lambda w, b: model.losses(b), config("fixed", loss_weights=weights))
+    assert torch.allclose(model.place, torch.tensor([1.0, 0.0]), atol=0.05)
+
+
+def test_learned_weights_are_resumed(tmp_path):
+    def run(folder, steps):
+        model = Point()
+        plan = config("uncertainty", steps=steps, save_every=10, log_every=10)
+        constant = {"schedule": type(plan.schedule)(kind="constant")}
+        plan = config("uncertainty", steps=steps, save_every=10, log_every=10, **constant)
+        return fit(model, batches, lambda w, b: model.losses(b), plan, folder=folder), model
+
+    _, whole = run(tmp_path / "whole", 20)
+    run(tmp_path / "parts", 10)
+    _, parts = run(tmp_path / "parts", 20)
+    assert torch.equal(whole.place, parts.place)
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"loss_weights": {}}, "needs to know its losses"),
+        ({"primary": "third"}, "The primary loss 'third' is not one of"),
+        ({"devices": 2}, "trains on one device, not 2"),
+        ({"loss_weights": {"first": 1.0, "other": 1.0}}, "loss_weights lacks second"),
+    ],
+)
+def test_what_cannot_be_weighted_is_refused(changes, said, monkeypatch):
+    monkeypatch.setattr("lightning.fabric.Fabric.launch", lambda self: None)
+    model = Point()
+    with pytest.raises(InputError, match=said):
+        fit(model, batches, lambda w, b: model.losses(b), config("upgrad", **changes))
+
+
+def test_cosines_tell_conflict_from_agreement():
+    model = Point()
+    losses = model.losses(None)
+    losses["third"] = -losses["first"]
+    losses["none"] = torch.zeros((), requires_grad=True)
+    cosines = gradient_cosines(losses, list(model.parameters()))
+    assert set(cosines) == {("first", "second"), ("first", "third"), ("second", "third")}
+    assert cosines["first", "third"] == pytest.approx(-1.0)
+    assert 0 < cosines["first", "second"] < 1
