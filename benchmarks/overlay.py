@@ -15,6 +15,7 @@ import copy
 import json
 import os
 import platform
+import subprocess
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -39,7 +40,7 @@ from fusionnet.views.lighting import estimate_light
 from fusionnet.views.overlay import displaced_poses
 
 BLENDERPROC_SECONDS = (1.0, 4.0)
-"""Published seconds an image (Denninger et al. 2019, 2023: 1 to 4 s on a GPU)."""
+"""Seconds an image as published for BlenderProc, which path-traces; not measured here."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -150,6 +151,7 @@ def encoded(image: np.ndarray, quality: int) -> bytes:
 
 def measure(config: Config) -> dict[str, Any]:
     """Processor time of finished samples, ours and the rival's."""
+    begun = time.perf_counter()
     cv2.setNumThreads(1)
     view = empty_table(config.size)
     layouts = [random_layout(generator(config.seed, "layout", i)) for i in range(config.samples)]
@@ -199,6 +201,10 @@ def measure(config: Config) -> dict[str, Any]:
             round(slowest / mean["ours"]),
         ],
         "seed": config.seed,
+        "duration_seconds": round(time.perf_counter() - begun, 1),
+        "commit": subprocess.run(
+            ["git", "rev-parse", "--short", "HEAD"], capture_output=True, text=True, check=False
+        ).stdout.strip(),
         "machine": {
             "processor": platform.processor() or platform.machine(),
             "cores": os.cpu_count(),
