@@ -1,4 +1,5 @@
 import dataclasses
+import json
 
 import numpy as np
 import pytest
@@ -16,8 +17,8 @@ from fusionnet.dataset.pictures import (
     build_pictures,
     label,
 )
-from fusionnet.errors import DataError
-from fusionnet.models.heads.boxes import Boxes
+from fusionnet.errors import DataError, InputError
+from fusionnet.models.heads.boxes import BoxConfig, Boxes, BoxHead, BoxOutputs
 from fusionnet.models.retinanet import RetinaNet
 from fusionnet.randomness import generator
 from fusionnet.simulation import Appearance, SceneRenderer
@@ -135,15 +136,34 @@ def test_the_detector_overfits_one_batch(renderer):
 def test_perfect_outputs_give_back_the_boxes(model):
     head = model.box_head
     truth = Boxes(torch.tensor([[100.0, 90.0, 122.0, 115.0]]), torch.tensor([10]), torch.ones(1))
-    _, _, anchors = head(torch.zeros(1, 48, 38, 44))
+    anchors = head([torch.zeros(1, 48, 38, 44)], (304, 352)).anchors
     nearest = int((anchors - truth.xyxy).abs().sum(1).argmin())
     logits = torch.full((1, len(anchors), 16), -9.0)
     logits[0, nearest, 10] = 5.0
     offsets = torch.zeros(1, len(anchors), 4)
     offsets[0, nearest] = head.coder.encode_single(truth.xyxy, anchors[nearest : nearest + 1])[0]
-    found = head.predict((logits, offsets, anchors))[0]
+    found = head.predict(BoxOutputs(logits, offsets, anchors, (304, 352)))[0]
     torch.testing.assert_close(found.xyxy, truth.xyxy, atol=1e-3, rtol=0)
     assert found.classes.tolist() == [10]
+
+
+@pytest.mark.parametrize("depth", [0, 2])
+def test_boxes_of_several_levels(depth):
+    config = BoxConfig(
+        strides=(8, 16), sizes=((8.0, 12.0), (20.0, 30.0)), ratios=(0.5, 1.0, 2.0), depth=depth
+    )
+    head = BoxHead(channels=8, config=config)
+    outputs = head([torch.zeros(2, 8, 4, 6), torch.zeros(2, 8, 2, 3)], (32, 48))
+    assert outputs.anchors.shape == ((24 + 6) * 6, 4)
+    assert outputs.classes.shape == (2, 180, 16) and outputs.offsets.shape == (2, 180, 4)
+    centers = (outputs.anchors[:, :2] + outputs.anchors[:, 2:]) / 2
+    assert centers[:144].max() == 40.0 and centers[144:].max() == 32.0
+    assert BoxConfig(**json.loads(json.dumps(dataclasses.asdict(config)))) == config
+
+
+def test_levels_without_sizes_are_refused():
+    with pytest.raises(InputError, match="anchor sizes"):
+        BoxConfig(strides=(8, 16), sizes=((8.0,),))
 
 
 def test_a_checkpoint_sees_the_same(tmp_path, renderer, model):

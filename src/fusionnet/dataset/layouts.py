@@ -1,4 +1,4 @@
-"""Layouts to learn from: variations of real ones, and random ones.
+"""Layouts to learn from: variations of real ones, arranged ones, and random ones.
 
 A corpus has a few hundred layouts, far too few to learn to see. Colours permuted,
 the table mirrored or turned, two tables merged, blocks removed, swapped or picked up:
@@ -11,8 +11,10 @@ from dataclasses import replace
 import numpy as np
 
 from fusionnet.blocks import GRID, Block, Cell, Color, Gripper, Layout, Shape, random_layout
+from fusionnet.dataset.arrangements import Columns, arranged_columns
 
-Columns = dict[tuple[int, int], list[Block]]
+ARRANGED = 0.75
+"""Share of `arrangements` among the invented layouts; the rest is `random_layout`'s."""
 
 
 def varied_layout(rng: np.random.Generator, real: Sequence[Layout], *, invented: float) -> Layout:
@@ -21,10 +23,12 @@ def varied_layout(rng: np.random.Generator, real: Sequence[Layout], *, invented:
     Args:
         rng: Source of all randomness.
         real: Layouts of the training groups; may be empty.
-        invented: Share of layouts that our own generator makes up; all if there are no real ones.
+        invented: Share of layouts that our own generators make up; all if there are no real ones.
     """
     if not real or rng.random() < invented:
-        return random_layout(rng)
+        if rng.random() >= ARRANGED:
+            return random_layout(rng)
+        return _finish(rng, arranged_columns(rng), held=0.12)
     layout = real[int(rng.integers(len(real)))]
     if rng.random() < 0.1:
         return layout
@@ -33,14 +37,18 @@ def varied_layout(rng: np.random.Generator, real: Sequence[Layout], *, invented:
         columns = _merge(rng, columns, _columns(real[int(rng.integers(len(real)))]))
     columns = _turn(rng, columns)
     columns = _recolor(rng, columns)
+    return _finish(rng, columns, 0.6 if layout.gripper.closed else 0.1)
+
+
+def _finish(rng: np.random.Generator, columns: Columns, held: float) -> Layout:
+    """The layout of these columns with some last edits; with the chance `held` one is picked up."""
     _edit(rng, columns)
     blocks = [
         replace(block, cell=Cell(x, y, z))
         for (x, y), column in columns.items()
         for z, block in enumerate(column)
     ]
-    held_before = layout.gripper.closed
-    if blocks and rng.random() < (0.6 if held_before else 0.1):
+    if blocks and rng.random() < held:
         return _pick_up(rng, blocks)
     return Layout(tuple(blocks), Gripper(Cell(GRID - 1, GRID - 1, GRID - 1)))
 
@@ -74,7 +82,7 @@ def _turn(rng: np.random.Generator, columns: Columns) -> Columns:
 def _recolor(rng: np.random.Generator, columns: Columns) -> Columns:
     """Permute the colours of the whole table, and sometimes recolour single blocks."""
     colors = list(Color)
-    order = rng.permutation(len(colors)) if rng.random() < 0.7 else np.arange(len(colors))
+    order = rng.permutation(len(colors)) if rng.random() < 0.85 else np.arange(len(colors))
     renamed = {color: colors[i] for color, i in zip(colors, order, strict=True)}
     single = rng.choice([0.0, 0.05, 0.4], p=[0.5, 0.35, 0.15])
 

@@ -50,7 +50,7 @@ class PicturePlan:
     count: int
     seed: int = 0
     part: str = "train"
-    invented: float = 0.3
+    invented: float = 0.45
     robot: str = "nico"
     shard: int = 250
 

@@ -8,7 +8,7 @@ References:
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +20,7 @@ from torch import Tensor, nn
 from fusionnet.dataset.frame import PictureFrame
 from fusionnet.models import backbones
 from fusionnet.models.checkpoint import load_checkpoint, restore, save_checkpoint
-from fusionnet.models.heads.boxes import Boxes, BoxHead
+from fusionnet.models.heads.boxes import BoxConfig, Boxes, BoxHead
 from fusionnet.models.heads.camera_pose import CameraPose
 from fusionnet.models.heads.occupancy import Occupancy
 
@@ -76,6 +76,7 @@ class RetinaNet(nn.Module):
         camera_from_board: Nominal pose of the eye (4x4), OpenCV axes.
         backbone: Name in `models.backbones`.
         width: Channels of the pyramid.
+        boxes: Anchors and subnets of the box head, as JSON has them.
     """
 
     def __init__(
@@ -86,22 +87,25 @@ class RetinaNet(nn.Module):
         camera_from_board: list[list[float]],
         backbone: str = "small",
         width: int = 48,
+        boxes: Mapping[str, Any] | None = None,
     ) -> None:
         super().__init__()
         self.frame = frame
+        box_config = BoxConfig(**(boxes or {}))
         self.config: dict[str, Any] = {
             "frame": frame.as_dict(),
             "matrix": matrix,
             "camera_from_board": camera_from_board,
             "backbone": backbone,
             "width": width,
+            "boxes": asdict(box_config),
         }
         self.backbone = backbones.load(backbone)()
         fine, middle, coarse = self.backbone.channels
         self.lateral = nn.ModuleList(nn.Conv2d(c, width, 1) for c in (fine, middle, coarse))
         self.smooth = nn.ModuleList(nn.Conv2d(width, width, 3, padding=1) for _ in range(2))
         size = frame.input_size
-        self.box_head = BoxHead(channels=width, input_size=size)
+        self.box_head = BoxHead(channels=width, config=box_config)
         self.pose_head = CameraPose(
             matrix=frame.matrix(np.array(matrix)).tolist(),
             camera_from_board=camera_from_board,
@@ -131,11 +135,15 @@ class RetinaNet(nn.Module):
         top = self.lateral[2](coarse)
         middle = self.smooth[1](self.lateral[1](middle) + _grow(top, middle))
         fine = self.smooth[0](self.lateral[0](fine) + _grow(middle, fine))
+        levels = {4: fine, 8: middle, 16: top}
         pose = self.pose_head(fine, coarse)
         used = pose[-1].detach() if deviation is None else deviation
         pixels = self.pose_head.project(used, self.occupancy_head.points)
         return {
-            "boxes": self.box_head(middle),
+            "boxes": self.box_head(
+                [levels[stride] for stride in self.box_head.config.strides],
+                (images.shape[1], images.shape[2]),
+            ),
             "pose": pose,
             "occupancy": self.occupancy_head(fine, coarse, pixels),
         }

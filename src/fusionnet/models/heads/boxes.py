@@ -1,11 +1,13 @@
 """What and where: RetinaNet's classification and regression subnets (thesis 4.1.1).
 
 Built on torchvision's parts (anchors, matcher, box coder, focal loss, suppression).
-The subnets are shallow and read one pyramid level, since blocks have one size.
+The same two subnets read every pyramid level.
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import torch
 from jaxtyping import Float, Int
@@ -16,6 +18,7 @@ from torchvision.models.detection.image_list import ImageList
 from torchvision.ops import batched_nms, box_iou, clip_boxes_to_image, sigmoid_focal_loss
 
 from fusionnet.blocks import CLASS_NAMES
+from fusionnet.errors import InputError
 
 CLASSES = len(CLASS_NAMES)
 CANDIDATES = 1000
@@ -39,32 +42,71 @@ class Boxes:
     scores: Float[Tensor, " n"]
 
 
-class BoxHead(nn.Module):
-    """Classify and regress the anchors of one feature map.
+@dataclass(frozen=True, kw_only=True)
+class BoxConfig:
+    """Anchors and subnets; the values are those of a compact detector.
 
-    Args:
-        channels: Channels of the feature map.
-        input_size: Width and height of the network's input, in pixels.
-        sizes: Square roots of the anchors' areas, in pixels of the input.
-        ratios: Heights over widths of the anchors.
+    Attributes:
+        strides: Of the pyramid levels that are read, in pixels of the input.
+        sizes: Square roots of the anchors' areas on each level, in pixels of the input.
+        ratios: Heights over widths of the anchors, on every level.
+        depth: Convolutions with ReLU in each subnet, before the last one.
         width: Channels of the subnets.
+        kernel: Edge of the last convolution's kernel.
     """
 
-    def __init__(
-        self,
-        *,
-        channels: int,
-        input_size: tuple[int, int],
-        sizes: tuple[float, ...] = (10.0, 18.0, 28.0),
-        ratios: tuple[float, ...] = (1.0,),
-        width: int = 64,
-    ) -> None:
+    strides: tuple[int, ...] = (8,)
+    sizes: tuple[tuple[float, ...], ...] = ((10.0, 18.0, 28.0),)
+    ratios: tuple[float, ...] = (1.0,)
+    depth: int = 1
+    width: int = 64
+    kernel: int = 1
+
+    def __post_init__(self) -> None:
+        """Bring lists, as JSON has them, to tuples; refuse levels that do not fit."""
+        object.__setattr__(self, "strides", tuple(self.strides))
+        object.__setattr__(self, "sizes", tuple(tuple(level) for level in self.sizes))
+        object.__setattr__(self, "ratios", tuple(self.ratios))
+        counts = {len(level) for level in self.sizes}
+        if len(self.sizes) != len(self.strides) or len(counts) != 1:
+            raise InputError(
+                "Each stride of the box head needs as many anchor sizes as the others; got "
+                f"strides {self.strides} and sizes {self.sizes}."
+            )
+
+
+class BoxOutputs(NamedTuple):
+    """What the subnets say of every anchor.
+
+    Attributes:
+        classes: Logits of the classes.
+        offsets: From the anchor to the box, as torchvision's box coder has them.
+        anchors: Left, top, right, bottom, in pixels of the input.
+        size: Height and width of the input, in pixels.
+    """
+
+    classes: Float[Tensor, "b n k"]
+    offsets: Float[Tensor, "b n 4"]
+    anchors: Float[Tensor, "n 4"]
+    size: tuple[int, int]
+
+
+class BoxHead(nn.Module):
+    """Classify and regress the anchors of the pyramid's levels.
+
+    Args:
+        channels: Channels of every level.
+        config: Anchors and subnets.
+    """
+
+    def __init__(self, *, channels: int, config: BoxConfig | None = None) -> None:
         super().__init__()
-        self.input_size = input_size
-        self.anchors = AnchorGenerator(sizes=(sizes,), aspect_ratios=(ratios,))
-        count = len(sizes) * len(ratios)
-        self.classify = _subnet(channels, width, count * CLASSES)
-        self.regress = _subnet(channels, width, count * 4)
+        self.config = config = config or BoxConfig()
+        levels = len(config.strides)
+        self.anchors = AnchorGenerator(sizes=config.sizes, aspect_ratios=(config.ratios,) * levels)
+        count = len(config.sizes[0]) * len(config.ratios)
+        self.classify = _subnet(channels, config, count * CLASSES)
+        self.regress = _subnet(channels, config, count * 4)
         prior = 0.01
         final = self.classify[-1]
         assert isinstance(final, nn.Conv2d) and final.bias is not None
@@ -74,25 +116,23 @@ class BoxHead(nn.Module):
         self.matcher = Matcher(0.5, 0.4, allow_low_quality_matches=True)
 
     def forward(
-        self, features: Float[Tensor, "b c h w"]
-    ) -> tuple[Float[Tensor, "b n k"], Float[Tensor, "b n 4"], Float[Tensor, "n 4"]]:
-        """Class logits, offsets and the anchors themselves."""
-        batch = len(features)
-        classes = self.classify(features).permute(0, 2, 3, 1).reshape(batch, -1, CLASSES)
-        offsets = self.regress(features).permute(0, 2, 3, 1).reshape(batch, -1, 4)
-        width, height = self.input_size
-        blank = torch.empty((1, 3, height, width), device="meta")
-        images = ImageList(blank, [(height, width)])
-        anchors = self.anchors(images, [features[:1]])[0]
-        return classes, offsets, anchors
+        self, levels: Sequence[Float[Tensor, "b c _ _"]], size: tuple[int, int]
+    ) -> BoxOutputs:
+        """Class logits, offsets and the anchors themselves.
 
-    def losses(
-        self,
-        outputs: tuple[Float[Tensor, "b n k"], Float[Tensor, "b n 4"], Float[Tensor, "n 4"]],
-        truth: list[Boxes],
-    ) -> dict[str, Tensor]:
+        Args:
+            levels: One feature map for each stride.
+            size: Height and width of the input, in pixels; multiples of every stride.
+        """
+        classes = [_by_anchor(self.classify(features), CLASSES) for features in levels]
+        offsets = [_by_anchor(self.regress(features), 4) for features in levels]
+        images = ImageList(torch.empty((1, 3, *size), device="meta"), [size])
+        anchors = self.anchors(images, [features[:1] for features in levels])[0]
+        return BoxOutputs(torch.cat(classes, dim=1), torch.cat(offsets, dim=1), anchors, size)
+
+    def losses(self, outputs: BoxOutputs, truth: list[Boxes]) -> dict[str, Tensor]:
         """`class`: focal loss (gamma 2, alpha 0.5); `box`: smooth L1 (thesis 4.1.2)."""
-        classes, offsets, anchors = outputs
+        classes, offsets, anchors, _ = outputs
         class_losses, box_losses = [], []
         for logits, offset, boxes in zip(classes, offsets, truth, strict=True):
             wanted = torch.zeros_like(logits)
@@ -116,12 +156,9 @@ class BoxHead(nn.Module):
         }
 
     @torch.no_grad()
-    def predict(
-        self,
-        outputs: tuple[Float[Tensor, "b n k"], Float[Tensor, "b n 4"], Float[Tensor, "n 4"]],
-    ) -> list[Boxes]:
+    def predict(self, outputs: BoxOutputs) -> list[Boxes]:
         """Boxes above the least score after suppression a class (thesis 4.1.3)."""
-        classes, offsets, anchors = outputs
+        classes, offsets, anchors, size = outputs
         found = []
         for logits, offset in zip(classes, offsets, strict=True):
             scores, flat = logits.sigmoid().flatten().topk(min(CANDIDATES, logits.numel()))
@@ -129,8 +166,7 @@ class BoxHead(nn.Module):
             scores, flat = scores[keep], flat[keep]
             which, labels = flat // CLASSES, flat % CLASSES
             boxes = self.coder.decode_single(offset[which], anchors[which])
-            width, height = self.input_size
-            boxes = clip_boxes_to_image(boxes, (height, width))
+            boxes = clip_boxes_to_image(boxes, size)
             kept = batched_nms(boxes, scores, labels, OVERLAP)
             found.append(Boxes(boxes[kept], labels[kept], scores[kept]))
         return found
@@ -140,9 +176,14 @@ def _focal(logits: Tensor, wanted: Tensor) -> Tensor:
     return sigmoid_focal_loss(logits, wanted, alpha=0.5, gamma=2.0, reduction="sum")
 
 
-def _subnet(channels: int, width: int, outputs: int) -> nn.Sequential:
-    return nn.Sequential(
-        nn.Conv2d(channels, width, 3, padding=1),
-        nn.ReLU(inplace=True),
-        nn.Conv2d(width, outputs, 1),
-    )
+def _by_anchor(output: Float[Tensor, "b _ h w"], values: int) -> Float[Tensor, "b n {values}"]:
+    return output.permute(0, 2, 3, 1).reshape(len(output), -1, values)
+
+
+def _subnet(channels: int, config: BoxConfig, outputs: int) -> nn.Sequential:
+    layers: list[nn.Module] = []
+    for source in (channels, *(config.width,) * (config.depth - 1))[: config.depth]:
+        layers += [nn.Conv2d(source, config.width, 3, padding=1), nn.ReLU(inplace=True)]
+    last = config.width if config.depth else channels
+    layers.append(nn.Conv2d(last, outputs, config.kernel, padding=config.kernel // 2))
+    return nn.Sequential(*layers)
