@@ -1,5 +1,6 @@
 """What the robot's eyes see: pictures agree with the camera model, labels with pictures."""
 
+import gc
 import os
 import subprocess
 import sys
@@ -276,3 +277,15 @@ except RenderingError:
         [sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=False
     )
     assert done.stdout.strip() == "no picture", done.stderr
+
+
+def test_a_renderer_that_is_dropped_spoils_no_other(size=(160, 90)):
+    first, second = (SceneRenderer("nico", size) for _ in range(2))
+    layout = random_layout(np.random.default_rng(0))
+    before = second.view(layout)
+    first.view(layout)
+    del first
+    gc.collect()
+    after = second.view(layout)
+    np.testing.assert_array_equal(after.image, before.image)
+    np.testing.assert_array_equal(after.visible, before.visible)

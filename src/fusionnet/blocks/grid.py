@@ -50,6 +50,12 @@ class Cell(NamedTuple):
 CLASS_NAMES = tuple(f"{shape}_{color}" for shape in Shape for color in Color)
 """The 16 classes, named as in thesis table 6.2; `Block.class_index` points into it."""
 
+_CLASS_INDEX = {
+    (shape, color): number * len(Color) + index
+    for number, shape in enumerate(Shape)
+    for index, color in enumerate(Color)
+}
+
 
 @dataclass(frozen=True)
 class Block:
@@ -62,7 +68,7 @@ class Block:
     @property
     def class_index(self) -> int:
         """Index into `CLASS_NAMES`: 0 to 7 cubes, 8 to 15 prisms."""
-        return list(Shape).index(self.shape) * len(Color) + list(Color).index(self.color)
+        return _CLASS_INDEX[self.shape, self.color]
 
 
 @dataclass(frozen=True)

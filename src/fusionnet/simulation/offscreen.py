@@ -9,6 +9,7 @@ cost four times as much as ours.
 import importlib
 import os
 import platform
+from contextlib import suppress
 from typing import Any
 
 import mujoco
@@ -133,3 +134,9 @@ class Offscreen:
             self._context.free()
             self._gl.free()
             self._context = None
+
+    def __del__(self) -> None:
+        # Left to itself, MuJoCo frees the textures and lists of whichever context is current.
+        if getattr(self, "_context", None) is not None:
+            with suppress(Exception):  # while Python shuts down, half of it is gone
+                self.close()
