@@ -1,5 +1,7 @@
 """Noise stays within its ranges, and boxes, masks and cameras follow a moved picture."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -89,6 +91,16 @@ def test_less_contrast_moves_light_from_the_lamp_to_the_surroundings():
     light = Look(light_contrast=0.8).on_light(Appearance())
     assert np.all(light.light < Appearance().light)
     assert np.all(light.ambient > Appearance().ambient)
+
+
+def test_light_can_be_turned_to_come_from_anywhere():
+    level = replace(level_one(), lamp_turn=180.0)
+    lights = [level.sample(generator(i, "turn"), 1).on_light(Appearance()) for i in range(50)]
+    directions = np.array([light.light_direction for light in lights])
+    np.testing.assert_allclose(directions[:, 2], Appearance().light_direction[2])
+    assert np.all(np.ptp(directions[:, :2], axis=0) > 0.9)
+    still = level_one().sample(generator(0, "turn")).on_light(Appearance())
+    np.testing.assert_allclose(still.light_direction, Appearance().light_direction)
 
 
 @given(SEEDS)

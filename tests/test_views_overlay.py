@@ -105,6 +105,8 @@ def test_an_empty_layout_leaves_the_photograph_as_it_is(renderer):
     seen = renderer.view(Layout(()), view, masks=True)
     np.testing.assert_array_equal(seen.image, view.image)
     assert seen.boxes.shape == (0, 4) and seen.masks.shape == (0, 270, 480)
+    seen.image[:] = 0  # ... which stays as it is even so
+    np.testing.assert_array_equal(renderer.view(Layout(()), view).image, view.image)
 
 
 @pytest.mark.parametrize("seed", range(3))

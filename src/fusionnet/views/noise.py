@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Float, UInt8
 
 from fusionnet.errors import InputError
+from fusionnet.geometry import rotation_from_vector
 from fusionnet.simulation import Appearance
 from fusionnet.simulation.appearance import MAX_BLOCKS
 
@@ -29,6 +30,7 @@ class Look:
         contrast, lightness: Of the photograph: 1 as it is, 0 even grey, or black.
         light_contrast: Share of the light that comes straight from lamps: 1 as it is, 0 none.
         light: Strength of all the light on the blocks.
+        lamp_turn: By which all the light is turned about the vertical, in radians.
     """
 
     scales: Float[np.ndarray, "n 3"] = field(default_factory=lambda: np.ones((MAX_BLOCKS, 3)))
@@ -39,6 +41,7 @@ class Look:
     lightness: float = 1.0
     light_contrast: float = 1.0
     light: float = 1.0
+    lamp_turn: float = 0.0
 
     def on_photograph(self, image: UInt8[np.ndarray, "h w 3"]) -> UInt8[np.ndarray, "h w 3"]:
         """The background in this look."""
@@ -51,9 +54,12 @@ class Look:
     def on_light(self, light: Appearance) -> Appearance:
         """The light on the blocks in this look, `light_contrast` moving it to or from ambient."""
         direct = self.light * self.light_contrast
+        turn = rotation_from_vector(np.array([0.0, 0.0, self.lamp_turn]))
         moved = self.light * (1.0 - self.light_contrast) * 0.8 * (light.light + light.fill)
         return replace(
             light,
+            light_direction=turn @ light.light_direction,
+            fill_direction=turn @ light.fill_direction,
             light=direct * light.light,
             fill=direct * light.fill,
             ambient=np.clip(self.light * light.ambient + moved, 0.0, None),
@@ -76,6 +82,7 @@ class LevelOne:
         turn: Largest rotation of a block about x, y and z, in degrees.
         shift: Largest displacement of a block in each direction, in metres.
         intensity, contrast, lightness, light_contrast, light: Ranges of `Look`'s values.
+        lamp_turn: Largest turn of the light about the vertical, in degrees; not in the thesis.
 
     References:
         Thesis 3.2.5, level 1.
@@ -89,6 +96,7 @@ class LevelOne:
     lightness: Range
     light_contrast: Range
     light: Range
+    lamp_turn: float = 0.0
 
     def __post_init__(self) -> None:
         if not 0.0 <= self.scale < 1.0:
@@ -113,6 +121,7 @@ class LevelOne:
             lightness=rng.uniform(*self.lightness),
             light_contrast=rng.uniform(*self.light_contrast),
             light=rng.uniform(*self.light),
+            lamp_turn=np.deg2rad(rng.uniform(-self.lamp_turn, self.lamp_turn)),
         )
 
 

@@ -120,6 +120,7 @@ class OverlayRenderer:
         region = self._region(backdrop.camera, corners, view.name)
         if light.shadows:
             image = cast_shadows(image, corners, light, backdrop.camera)
+        image = image.copy() if image is backdrop.image else image
         count = len(layout.blocks)
         visible, boxes = np.zeros(count, int), np.zeros((count, 4))
         block_at = np.full(self.size[::-1], -1, np.int16) if masks else None
@@ -129,7 +130,6 @@ class OverlayRenderer:
             )
             self._set_scene(layout.blocks, poses, tints, light, corners)
             self._aim(backdrop.camera, region)
-            image = image.copy() if image is backdrop.image else image
             identities = self._draw(image, region)
             left, top, right, bottom = region
             visible, boxes = visible_boxes(identities, count)
