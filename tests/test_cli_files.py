@@ -13,8 +13,8 @@ import pytest
 from PIL import Image
 
 from fusionnet.apps.output_folder import RESULT_FILE, RESULT_KIND, check_writable, written_whole
-from fusionnet.apps.picture_file import read_picture
 from fusionnet.errors import InputError, OutputError
+from fusionnet.views.picture_file import read_picture
 
 
 def png_header(width: int, height: int) -> bytes:

@@ -11,11 +11,11 @@ import tyro
 
 from fusionnet.apps.cli import EXIT_MISSED
 from fusionnet.apps.output_folder import check_writable
-from fusionnet.apps.picture_file import read_picture
 from fusionnet.apps.setting import setting_of
 from fusionnet.catalogue import did_you_mean
 from fusionnet.errors import CheckpointError, UnknownNameError
 from fusionnet.sentences import readable_words
+from fusionnet.views.picture_file import read_picture
 
 Kind = Literal["fusion", "symbolic"]
 

@@ -3,7 +3,8 @@
 from fusionnet.views.noise import LevelOne, Look, SensorNoise, level_one
 from fusionnet.views.overlay import OverlayRenderer, shared_overlay
 from fusionnet.views.transformation import LevelTwo, crop_around, cropped, transformed
-from fusionnet.views.view import EnvironmentalView
+from fusionnet.views.view import EnvironmentalView, check_view
+from fusionnet.views.view_files import load_views, save_views
 
 __all__ = [
     "EnvironmentalView",
@@ -12,9 +13,12 @@ __all__ = [
     "Look",
     "OverlayRenderer",
     "SensorNoise",
+    "check_view",
     "crop_around",
     "cropped",
     "level_one",
+    "load_views",
+    "save_views",
     "shared_overlay",
     "transformed",
 ]
