@@ -33,14 +33,22 @@ def data_folder() -> Path:
 
 @pytest.fixture
 def golden(request: pytest.FixtureRequest):
-    """Compare a text with `tests/golden/NAME`, or rewrite it under `--update-golden`."""
+    """Compare a text with `tests/golden/NAME`, or rewrite it under `--update-golden`.
 
-    def check(name: str, text: str) -> None:
+    With a relative tolerance the text is one of numbers.
+    """
+
+    def check(name: str, text: str, tolerance: float | None = None) -> None:
         path = REPOSITORY / "tests" / "golden" / name
         if request.config.getoption("--update-golden"):
             path.parent.mkdir(exist_ok=True)
             path.write_text(text, encoding="utf-8")
         assert path.exists(), f"{path} is missing; run pytest --update-golden"
-        assert text == path.read_text(encoding="utf-8")
+        known = path.read_text(encoding="utf-8")
+        if tolerance is None:
+            assert text == known
+        else:
+            numbers = [float(word) for word in text.split()]
+            assert numbers == pytest.approx([float(w) for w in known.split()], rel=tolerance)
 
     return check

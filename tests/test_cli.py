@@ -109,6 +109,39 @@ def test_an_unknown_option_is_status_2(option, made_up, capsys) -> None:
     assert "Traceback" not in capsys.readouterr().err
 
 
+@dataclass(frozen=True, kw_only=True)
+class OtherConfig(FakeConfig):
+    """Options of the same command under another preset."""
+
+    answer: int = 7
+
+
+FAKE_PRESETS = {"plain": FakeConfig, "other": OtherConfig}
+
+
+@pytest.mark.parametrize(
+    ("words", "status"),
+    [
+        ([], 42),
+        (["--preset", "other"], 7),
+        (["--preset=other", "--answer", "5"], 5),
+        (["--answer", "5", "--preset", "plain"], 5),
+    ],
+)
+def test_a_preset_chooses_the_options(words, status, monkeypatch) -> None:
+    entry = cli.Entry("made up", f"{__name__}:give", "FAKE_PRESETS")
+    monkeypatch.setitem(cli.COMMANDS, "give", entry)
+    assert cli.main(["give", *words]) == status
+
+
+def test_an_unknown_preset_gets_one_line(monkeypatch, capsys) -> None:
+    entry = cli.Entry("made up", f"{__name__}:give", "FAKE_PRESETS")
+    monkeypatch.setitem(cli.COMMANDS, "give", entry)
+    assert cli.main(["give", "--preset", "othr"]) == 2
+    assert "available: plain, other. Did you mean 'other'?" in capsys.readouterr().err
+    assert cli.main(["give", "--preset"]) == 2
+
+
 def test_every_command_exists_and_has_one_typed_configuration() -> None:
     import dataclasses
     import importlib
@@ -118,7 +151,11 @@ def test_every_command_exists_and_has_one_typed_configuration() -> None:
         module, _, name = entry.function.partition(":")
         function = getattr(importlib.import_module(module), name)
         config = typing.get_type_hints(function)["config"]
-        assert dataclasses.is_dataclass(config), entry
+        kinds = typing.get_args(config) or (config,)
+        assert all(dataclasses.is_dataclass(kind) for kind in kinds), entry
+        if entry.presets:
+            presets = getattr(importlib.import_module(module), entry.presets)
+            assert set(presets.values()) == set(kinds)
         assert function.__doc__, entry
 
 

@@ -158,7 +158,7 @@ def test_boxes_of_several_levels(depth):
     assert outputs.classes.shape == (2, 180, 16) and outputs.offsets.shape == (2, 180, 4)
     centers = (outputs.anchors[:, :2] + outputs.anchors[:, 2:]) / 2
     assert centers[:144].max() == 40.0 and centers[144:].max() == 32.0
-    assert BoxConfig(**json.loads(json.dumps(dataclasses.asdict(config)))) == config
+    assert BoxConfig.from_json(json.loads(json.dumps(dataclasses.asdict(config)))) == config
 
 
 def test_levels_without_sizes_are_refused():

@@ -17,7 +17,7 @@ from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 from fusionnet.catalogue import did_you_mean
-from fusionnet.errors import FusionNetError, InputError
+from fusionnet.errors import FusionNetError, InputError, UnknownNameError
 
 EXIT_REACHED = 0
 EXIT_MISSED = 1
@@ -31,6 +31,9 @@ class Entry(NamedTuple):
 
     summary: str
     function: str
+    presets: str = ""
+    """Name in the same module of a table of configurations that `--preset` chooses from; the
+    first is the default."""
 
 
 COMMANDS = {
@@ -51,7 +54,9 @@ COMMANDS = {
     "evaluate detector": Entry(
         "blocks found through the robot's eyes", "fusionnet.apps.evaluate:detector"
     ),
-    "train detector": Entry("pictures to blocks", "fusionnet.apps.train:detector"),
+    "train detector": Entry(
+        "pictures to blocks", "fusionnet.apps.train:detector", "DETECTOR_PRESETS"
+    ),
     "train translator": Entry("sentences to trees", "fusionnet.apps.train:translator"),
     "train fusion": Entry("both to joint angles", "fusionnet.apps.train:fusion"),
     "reproduce": Entry(
@@ -120,8 +125,35 @@ def _main(arguments: list[str]) -> int:
     if name is None:
         return EXIT_BAD_INPUT
     _open_graphics_later()
-    module, _, function_name = COMMANDS[name].function.partition(":")
-    return _call(getattr(importlib.import_module(module), function_name), name, rest)
+    module_name, _, function_name = COMMANDS[name].function.partition(":")
+    module = importlib.import_module(module_name)
+    function = getattr(module, function_name)
+    if COMMANDS[name].presets:
+        config_type, rest = _preset(getattr(module, COMMANDS[name].presets), rest)
+    else:
+        config_type = typing.get_type_hints(function)["config"]
+    return _call(function, config_type, name, rest)
+
+
+def _preset(presets: dict[str, type], arguments: list[str]) -> tuple[type, list[str]]:
+    """The configuration that `--preset NAME` chooses, and the other words.
+
+    Raises:
+        UnknownNameError: If there is no such preset.
+    """
+    rest, chosen = list(arguments), next(iter(presets))
+    for place, word in enumerate(arguments):
+        if word == "--preset" or word.startswith("--preset="):
+            given = word.partition("=")[2] or " ".join(arguments[place + 1 : place + 2])
+            rest = arguments[:place] + arguments[place + (1 if "=" in word else 2) :]
+            chosen = given
+            break
+    if chosen not in presets:
+        raise UnknownNameError(
+            f"No preset called {chosen!r}; available: {', '.join(presets)}."
+            + did_you_mean(chosen, list(presets))
+        )
+    return presets[chosen], rest
 
 
 def _open_graphics_later() -> None:
@@ -160,7 +192,9 @@ def _command(arguments: list[str]) -> tuple[str | None, list[str]]:
     return None, []
 
 
-def _call(function: Callable[[Any], Any], name: str, arguments: list[str]) -> int:
+def _call(
+    function: Callable[[Any], Any], config_type: type, name: str, arguments: list[str]
+) -> int:
     """Make the function's configuration from the options, and call it.
 
     A function that returns a number returned its exit status; what else one returns
@@ -168,9 +202,8 @@ def _call(function: Callable[[Any], Any], name: str, arguments: list[str]) -> in
     """
     import tyro
 
-    config_type = typing.get_type_hints(function)["config"]
     try:
-        config = tyro.cli(
+        config: Any = tyro.cli(
             config_type,
             args=arguments,
             prog=f"fusionnet {name}",

@@ -7,17 +7,27 @@ from fusionnet.training.detector import DetectorConfig
 from fusionnet.training.detector import train as train_detector
 from fusionnet.training.fusion import FusionConfig
 from fusionnet.training.fusion import train as train_fusion
+from fusionnet.training.thesis_detector import ThesisDetectorConfig
+from fusionnet.training.thesis_detector import train as train_thesis_detector
 from fusionnet.training.translator import TranslatorConfig
 from fusionnet.training.translator import train as train_translator
 
 
-def detector(config: DetectorConfig) -> dict[str, Any]:
-    """Render pictures and train the detector: boxes, the camera's pose, the layout.
+def detector(config: DetectorConfig | ThesisDetectorConfig) -> dict[str, Any]:
+    """Train the detector on a data set, or on pictures that are rendered for it.
 
-    Prints its metrics on the validation groups as JSON.
+    --preset compact (what we ship): boxes, the camera's pose, the layout.
+    --preset thesis: the thesis's RetinaNet (boxes, nodes for FusionNet), on a data set.
+    Put `--preset NAME --help` for the options of one. Prints its metrics on the validation
+    groups as JSON.
     """
     with bars() as bar:
+        if isinstance(config, ThesisDetectorConfig):
+            return train_thesis_detector(config, progress=bar("training"))
         return train_detector(config, progress=bar("training"), rendering=bar("rendering"))
+
+
+DETECTOR_PRESETS = {"compact": DetectorConfig, "thesis": ThesisDetectorConfig}
 
 
 def translator(config: TranslatorConfig) -> dict[str, Any]:

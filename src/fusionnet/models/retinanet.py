@@ -1,161 +1,162 @@
-"""RetinaNet with two more heads: boxes and classes, the camera's pose, the occupancy of cells.
+"""RetinaNet: one backbone, a feature pyramid, and the heads that a configuration asks for.
 
-One backbone feeds a small feature pyramid; every head reads from it. The pose head
-tells the occupancy head where each cell appears in the picture.
+The thesis's has boxes with classes and the nodes for FusionNet (4.1.1). The compact one has
+boxes and, in place of the nodes, the camera's pose and the occupancy of the cells; the pose
+tells the occupancy head where each cell appears in the picture. The same class is trained
+and used; presets are in `models.detectors`.
 
 References:
-    Lin et al. (2017), Focal loss for dense object detection; thesis, section 4.1.
+    Lin et al. (2017), Focal loss for dense object detection; thesis, sections 2.1.10 and 4.1.
 """
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import torch
-from jaxtyping import Float, Int, UInt8
+from jaxtyping import Float, UInt8
 from torch import Tensor, nn
 
-from fusionnet.dataset.frame import PictureFrame
+from fusionnet.errors import CheckpointError, InputError
 from fusionnet.models import backbones
 from fusionnet.models.checkpoint import load_checkpoint, restore, save_checkpoint
-from fusionnet.models.heads.boxes import BoxConfig, Boxes, BoxHead
+from fusionnet.models.detectors import RetinaNetConfig
+from fusionnet.models.heads.boxes import Boxes, BoxHead
 from fusionnet.models.heads.camera_pose import CameraPose
+from fusionnet.models.heads.fusion_nodes import FusionNodes
 from fusionnet.models.heads.occupancy import Occupancy
+from fusionnet.models.pyramid import FeaturePyramid, initialise, level_strides
+from fusionnet.models.sight import Batch, BoxBatch, Sight, padded_to_aspect
 
 KIND = "retinanet"
 
-
-@dataclass  # not frozen: Fabric moves its tensors between devices
-class Batch:
-    """Pictures and everything that the heads learn from them.
-
-    Attributes:
-        images: Network inputs, 0 to 255.
-        boxes: Ground truth of each picture, in pixels of the input.
-        cells: Class of each of the 512 cells (16 is empty).
-        holding: 1 where the gripper holds a block.
-        matrix: Intrinsics for the input.
-        camera_from_board: Pose of the camera.
-        disturbance: Added to the true deviation when cells are projected while training.
-    """
-
-    images: UInt8[Tensor, "b h w 3"]
-    boxes: list[Boxes]
-    cells: Int[Tensor, "b 512"]
-    holding: Float[Tensor, " b"]
-    matrix: Float[Tensor, "b 3 3"]
-    camera_from_board: Float[Tensor, "b 4 4"]
-    disturbance: Float[Tensor, "b 7"]
-
-
-@dataclass(frozen=True)
-class Sight:
-    """What the network sees in one picture.
-
-    Attributes:
-        boxes: Detections, in pixels of the eye's picture.
-        cells: Probabilities of the 17 classes for each cell of the grid.
-        holding: Probability that the gripper holds a block.
-        corners: Where the corners of the checkerboard appear, in pixels of the eye's picture.
-    """
-
-    boxes: Boxes
-    cells: Float[np.ndarray, "8 8 8 17"]
-    holding: float
-    corners: Float[np.ndarray, "81 2"]
+__all__ = ["Batch", "BoxBatch", "RetinaNet", "Sight"]
 
 
 class RetinaNet(nn.Module):
     """Backbone, pyramid and heads; the same class for training and for inference.
 
     Args:
-        frame: Which part of the eye's picture is seen, at which size.
-        matrix: Nominal intrinsics of the eye (3x3), in pixels of the eye's picture.
-        camera_from_board: Nominal pose of the eye (4x4), OpenCV axes.
-        backbone: Name in `models.backbones`.
-        width: Channels of the pyramid.
-        boxes: Anchors and subnets of the box head, as JSON has them.
+        config: What it is made of; presets are in `models.detectors`.
     """
 
-    def __init__(
-        self,
-        *,
-        frame: PictureFrame,
-        matrix: list[list[float]],
-        camera_from_board: list[list[float]],
-        backbone: str = "small",
-        width: int = 48,
-        boxes: Mapping[str, Any] | None = None,
-    ) -> None:
+    def __init__(self, config: RetinaNetConfig) -> None:
         super().__init__()
-        self.frame = frame
-        box_config = BoxConfig(**(boxes or {}))
-        self.config: dict[str, Any] = {
-            "frame": frame.as_dict(),
-            "matrix": matrix,
-            "camera_from_board": camera_from_board,
-            "backbone": backbone,
-            "width": width,
-            "boxes": asdict(box_config),
-        }
-        self.backbone = backbones.load(backbone)()
-        fine, middle, coarse = self.backbone.channels
-        self.lateral = nn.ModuleList(nn.Conv2d(c, width, 1) for c in (fine, middle, coarse))
-        self.smooth = nn.ModuleList(nn.Conv2d(width, width, 3, padding=1) for _ in range(2))
-        size = frame.input_size
-        self.box_head = BoxHead(channels=width, config=box_config)
+        self.config = config
+        self.frame = config.frame
+        self.backbone = backbones.load(config.backbone)()
+        channels, strides, width = self.backbone.channels, self.backbone.strides, config.width
+        if config.pyramid == "small":
+            self.strides = tuple(strides)
+            self.lateral = nn.ModuleList(nn.Conv2d(c, width, 1) for c in channels)
+            self.smooth = nn.ModuleList(nn.Conv2d(width, width, 3, padding=1) for _ in range(2))
+        else:
+            self.strides = level_strides(strides)
+            self.pyramid = FeaturePyramid(channels, width)
+        missing = sorted(set(config.boxes.strides) - set(self.strides))
+        if missing:
+            raise InputError(
+                f"The backbone {config.backbone!r} with the pyramid {config.pyramid!r} has levels "
+                f"of strides {self.strides}; the box head asks for {missing}."
+            )
+        self.box_head = BoxHead(channels=width, config=config.boxes)
+        self.fusion_head = None
+        if config.fusion_nodes:
+            self.fusion_head = FusionNodes(
+                channels=width, boxes=config.boxes, nodes=config.fusion_nodes
+            )
+        self.pose_head: CameraPose = None  # type: ignore[assignment]
+        self.occupancy_head: Occupancy = None  # type: ignore[assignment]
+        if config.reads_layouts:
+            self._add_layout_heads(channels[-1], strides[-1])
+        if config.gaussian:
+            for part in (self.pyramid, self.box_head, self.fusion_head):
+                if part is not None:
+                    initialise(part)
+            self.box_head.expect_few()
+        if config.frozen:
+            backbones.freeze_normalisation(self.backbone)
+
+    def _add_layout_heads(self, channels: int, stride: int) -> None:
+        config, size = self.config, self.config.frame.input_size
+        matrix, pose = config.matrix, config.camera_from_board
+        assert matrix is not None and pose is not None
         self.pose_head = CameraPose(
-            matrix=frame.matrix(np.array(matrix)).tolist(),
-            camera_from_board=camera_from_board,
+            matrix=config.frame.matrix(np.array(matrix)).tolist(),
+            camera_from_board=[list(row) for row in pose],
             input_size=size,
-            fine_channels=width,
-            coarse_channels=coarse,
-            coarse_stride=self.backbone.strides[-1],
+            fine_channels=config.width,
+            coarse_channels=channels,
+            coarse_stride=stride,
         )
         self.occupancy_head = Occupancy(
-            fine_channels=width, coarse_channels=coarse, input_size=size
+            fine_channels=config.width, coarse_channels=channels, input_size=size
         )
+
+    def train(self, mode: bool = True) -> "RetinaNet":
+        """Change to training; a pretrained backbone keeps its normalisation as it is."""
+        super().train(mode)
+        if self.config.frozen:
+            backbones.freeze_normalisation(self.backbone)
+        return self
 
     def forward(
         self,
         images: UInt8[Tensor, "b h w 3"],
         deviation: Float[Tensor, "b 7"] | None = None,
+        *,
+        fusion: bool = True,
     ) -> dict[str, Any]:
-        """Raw outputs of the heads: `boxes`, `pose`, `occupancy`.
+        """Raw outputs of the heads that there are: `boxes`, `fusion`, `pose`, `occupancy`.
 
         Args:
             images: Network inputs, 0 to 255.
             deviation: Camera poses to project cells with, instead of the estimated ones.
+            fusion: Whether the nodes for FusionNet are wanted.
         """
-        x = images.permute(0, 3, 1, 2).float().div(127.5).sub(1.0)
-        x = x.contiguous(memory_format=torch.channels_last)
-        fine, middle, coarse = self.backbone(x)
+        levels, coarse = self._features(images)
+        outputs: dict[str, Any] = {"boxes": self._boxes(images, levels)}
+        if fusion and self.fusion_head is not None:
+            outputs["fusion"] = self.fusion_head([levels[s] for s in self.config.boxes.strides])
+        if self.config.reads_layouts:
+            fine = levels[self.strides[0]]
+            outputs["pose"] = pose = self.pose_head(fine, coarse)
+            used = pose[-1].detach() if deviation is None else deviation
+            pixels = self.pose_head.project(used, self.occupancy_head.points)
+            outputs["occupancy"] = self.occupancy_head(fine, coarse, pixels)
+        return outputs
+
+    def _features(self, images: UInt8[Tensor, "b h w 3"]) -> tuple[dict[int, Tensor], Tensor]:
+        """The pyramid's levels by stride, and the backbone's last map."""
+        mean, deviation = (images.new_tensor(v, dtype=torch.float32) for v in self._normalisation())
+        x = ((images.float() - mean) / deviation).permute(0, 3, 1, 2)
+        maps = self.backbone(x.contiguous(memory_format=torch.channels_last))
+        if self.config.pyramid != "small":
+            return dict(zip(self.strides, self.pyramid(maps), strict=True)), maps[-1]
+        fine, middle, coarse = maps
         top = self.lateral[2](coarse)
         middle = self.smooth[1](self.lateral[1](middle) + _grow(top, middle))
         fine = self.smooth[0](self.lateral[0](fine) + _grow(middle, fine))
-        levels = {4: fine, 8: middle, 16: top}
-        pose = self.pose_head(fine, coarse)
-        used = pose[-1].detach() if deviation is None else deviation
-        pixels = self.pose_head.project(used, self.occupancy_head.points)
-        return {
-            "boxes": self.box_head(
-                [levels[stride] for stride in self.box_head.config.strides],
-                (images.shape[1], images.shape[2]),
-            ),
-            "pose": pose,
-            "occupancy": self.occupancy_head(fine, coarse, pixels),
-        }
+        return dict(zip(self.strides, (fine, middle, top), strict=True)), coarse
 
-    def losses(self, outputs: Mapping[str, Any], batch: Batch) -> dict[str, Tensor]:
-        """The heads' named losses: class, box, pose, occupancy, holding."""
-        target = self.pose_head.target(batch.matrix, batch.camera_from_board)
-        return {
-            **self.box_head.losses(outputs["boxes"], batch.boxes),
-            **self.pose_head.losses(outputs["pose"], target),
-            **self.occupancy_head.losses(outputs["occupancy"], batch.cells, batch.holding),
-        }
+    def _normalisation(self) -> tuple[list[float], list[float]]:
+        """Mean and deviation of red, green and blue, from 0 to 255."""
+        return [255 * v for v in self.backbone.mean], [255 * v for v in self.backbone.deviation]
+
+    def _boxes(self, images: Tensor, levels: Mapping[int, Tensor]) -> Any:
+        read = [levels[stride] for stride in self.config.boxes.strides]
+        return self.box_head(read, (images.shape[1], images.shape[2]))
+
+    def losses(self, outputs: Mapping[str, Any], batch: BoxBatch) -> dict[str, Tensor]:
+        """The heads' named losses: class, box and, of layouts, pose, occupancy, holding."""
+        losses: dict[str, Tensor] = dict(self.box_head.losses(outputs["boxes"], batch.boxes))
+        if self.config.reads_layouts:
+            assert isinstance(batch, Batch)
+            target = self.pose_head.target(batch.matrix, batch.camera_from_board)
+            losses |= self.pose_head.losses(outputs["pose"], target)
+            losses |= self.occupancy_head.losses(outputs["occupancy"], batch.cells, batch.holding)
+        return losses
 
     def see(self, image: UInt8[np.ndarray, "h w 3"]) -> Sight:
         """Everything that the network reads from one picture of the eye, of any size."""
@@ -163,7 +164,15 @@ class RetinaNet(nn.Module):
 
     @torch.inference_mode()
     def see_prepared(self, picture: UInt8[np.ndarray, "h w 3"]) -> Sight:
-        """The same from a picture that is cropped and sized as the network's input."""
+        """The same from a picture that is cropped and sized as the network's input.
+
+        Raises:
+            CheckpointError: If this detector finds boxes only.
+        """
+        if not self.config.reads_layouts:
+            raise CheckpointError(
+                "This detector finds boxes only and reads no layout; use one of the preset compact."
+            )
         outputs = self(torch.from_numpy(picture)[None])
         boxes = self.box_head.predict(outputs["boxes"])[0]
         xyxy = self.frame.to_eye(boxes.xyxy.double().numpy())
@@ -177,11 +186,27 @@ class RetinaNet(nn.Module):
             corners=corners.double().numpy() / scale + offset,
         )
 
+    @torch.inference_mode()
+    def detect(self, image: UInt8[np.ndarray, "h w 3"]) -> Boxes:
+        """Boxes, in pixels of a picture of any size and aspect (thesis 4.1.3).
+
+        The picture is brought to the eye's aspect by a border, never stretched; of what the
+        frame crops away nothing is seen.
+        """
+        whole = padded_to_aspect(image, self.frame.eye_size)
+        levels, _ = self._features(picture := torch.from_numpy(self.frame.prepare(whole))[None])
+        found = self.box_head.predict(self._boxes(picture, levels))[0]
+        scale = np.array([whole.shape[1], whole.shape[0]]) / self.frame.eye_size
+        xyxy = self.frame.to_eye(found.xyxy.double().numpy()) * np.tile(scale, 2)
+        xyxy = xyxy.clip(0, np.tile([image.shape[1], image.shape[0]], 2))
+        kept = torch.from_numpy((xyxy[:, 2:] - xyxy[:, :2]).min(axis=1) > 0)
+        return Boxes(torch.from_numpy(xyxy)[kept], found.classes[kept], found.scores[kept])
+
     def save(self, folder: Path, metadata: Mapping[str, Any], *, half: bool = True) -> None:
         """Write a checkpoint folder."""
-        tensors = self.state_dict()
+        tensors, config = self.state_dict(), self.config.as_json()
         save_checkpoint(
-            folder, kind=KIND, config=self.config, tensors=tensors, metadata=metadata, half=half
+            folder, kind=KIND, config=config, tensors=tensors, metadata=metadata, half=half
         )
 
     @classmethod
@@ -189,11 +214,16 @@ class RetinaNet(nn.Module):
         """Read a checkpoint folder.
 
         Raises:
-            CheckpointError: If it is missing, damaged, or of another kind or version.
+            CheckpointError: If it is missing, damaged, or of another kind or version, or has
+                other classes than `blocks.CLASS_NAMES`.
         """
         checkpoint = load_checkpoint(folder, KIND)
-        config = dict(checkpoint.config)
-        model = cls(frame=PictureFrame.from_dict(config.pop("frame")), **config)
+        try:
+            model = cls(RetinaNetConfig.from_json(checkpoint.config))
+        except (TypeError, KeyError, ValueError, LookupError) as error:
+            raise CheckpointError(
+                f"The detector in {folder} has a configuration that cannot be used: {error}"
+            ) from error
         restore(model, checkpoint.tensors, folder)
         return model.eval()
 

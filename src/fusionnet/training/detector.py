@@ -14,6 +14,7 @@ from typing import Any
 import cv2
 import numpy as np
 import torch
+import tyro
 
 from fusionnet.blocks import Layout
 from fusionnet.corpora import load_corpus
@@ -24,6 +25,8 @@ from fusionnet.dataset.pictures import (
     Pictures,
     build_pictures,
 )
+from fusionnet.dataset.reader import StoredPictures
+from fusionnet.models.detectors import compact
 from fusionnet.models.heads.boxes import Boxes
 from fusionnet.models.heads.camera_pose import PARAMETERS
 from fusionnet.models.retinanet import Batch, RetinaNet
@@ -32,6 +35,8 @@ from fusionnet.simulation import SceneRenderer
 from fusionnet.training.loop import LoopConfig, Progress, fit
 
 log = logging.getLogger(__name__)
+
+AnyPictures = Pictures | StoredPictures
 
 LOSS_WEIGHTS = {"class": 1.0, "box": 1.0, "pose": 0.3, "occupancy": 0.2, "holding": 1.0}
 """Fixed factors that bring the losses to like sizes after the first epoch."""
@@ -46,6 +51,8 @@ class DetectorConfig:
     """How to train the detector.
 
     Attributes:
+        dataset: A data set that `fusionnet dataset build` made, to learn from instead of
+            pictures that are rendered for it.
         out: Folder of the checkpoint; pictures, log and resumable state go to `work`.
         work: Folder for everything that is not the checkpoint.
         corpus: Corpus whose training groups' layouts are varied; None invents all layouts.
@@ -57,6 +64,7 @@ class DetectorConfig:
         workers: Processes that render.
     """
 
+    dataset: tyro.conf.Positional[Path | None] = None
     out: Path = Path("runs/detector/checkpoint")
     work: Path = Path("runs/detector")
     corpus: str | None = None
@@ -79,13 +87,7 @@ def train(
     rendering: Callable[[int, int], None] | None = None,
 ) -> dict[str, Any]:
     """Render, train, measure and save; returns the metrics on the validation pictures."""
-    real, held_out = layouts_of(config.corpus, config.data)
-    plan = PicturePlan(count=config.pictures, seed=config.seed)
-    folders = {part: config.work / "pictures" / part for part in ("train", "val")}
-    build_pictures(folders["train"], plan, real, workers=config.workers, progress=rendering)
-    check = PicturePlan(count=500, seed=config.seed, part="val", invented=0.0)
-    build_pictures(folders["val"], check, held_out, workers=config.workers, progress=rendering)
-    pictures = Pictures(folders["train"])
+    pictures, checked = _pictures(config, rendering)
     model = new_detector(config.seed)
     fit(
         model,
@@ -95,10 +97,27 @@ def train(
         folder=config.work,
         progress=progress,
     )
-    metrics = measure(model, Pictures(folders["val"]))
-    described = {k: v for k, v in asdict(config).items() if k not in ("out", "work", "data")}
+    metrics = measure(model, checked)
+    described = {
+        k: v for k, v in asdict(config).items() if k not in ("dataset", "out", "work", "data")
+    }
     model.save(config.out, {"training": described, "metrics": metrics})
     return metrics
+
+
+def _pictures(
+    config: DetectorConfig, rendering: Callable[[int, int], None] | None
+) -> tuple[AnyPictures, AnyPictures]:
+    """Pictures to learn from and to measure on: stored ones, or rendered where missing."""
+    if config.dataset is not None:
+        return StoredPictures(config.dataset, "train"), StoredPictures(config.dataset, "sim_val")
+    real, held_out = layouts_of(config.corpus, config.data)
+    plan = PicturePlan(count=config.pictures, seed=config.seed)
+    folders = {part: config.work / "pictures" / part for part in ("train", "val")}
+    build_pictures(folders["train"], plan, real, workers=config.workers, progress=rendering)
+    check = PicturePlan(count=500, seed=config.seed, part="val", invented=0.0)
+    build_pictures(folders["val"], check, held_out, workers=config.workers, progress=rendering)
+    return Pictures(folders["train"]), Pictures(folders["val"])
 
 
 def layouts_of(corpus: str | None, data: Path | None) -> tuple[list[Layout], list[Layout]]:
@@ -121,11 +140,7 @@ def new_detector(seed: int, robot: str = "nico") -> RetinaNet:
     camera_from_board = camera.camera_from_robot @ renderer.robot.robot_from_board
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(seed)
-        return RetinaNet(
-            frame=EYE_FRAME,
-            matrix=camera.matrix.tolist(),
-            camera_from_board=camera_from_board.tolist(),
-        )
+        return RetinaNet(compact(EYE_FRAME, camera.matrix.tolist(), camera_from_board.tolist()))
 
 
 def collate(
@@ -154,8 +169,9 @@ def collate(
     )
 
 
-def batches(pictures: Pictures, size: int, seed: int, first: int) -> Iterator[Batch]:
+def batches(pictures: AnyPictures, size: int, seed: int, first: int) -> Iterator[Batch]:
     """Endless shuffled batches from step `first` on; the same for a resumed run."""
+    size = min(size, len(pictures))
     a_epoch = len(pictures) // size
     step = first
     while True:
@@ -189,7 +205,7 @@ def detector_losses(
 
 
 @torch.inference_mode()
-def measure(model: RetinaNet, pictures: Pictures, size: int = 25) -> dict[str, float]:
+def measure(model: RetinaNet, pictures: AnyPictures, size: int = 25) -> dict[str, float]:
     """How well cells, poses and held blocks are read, with the estimated pose."""
     sums: dict[str, list[np.ndarray]] = {}
     for start in range(0, len(pictures), size):

@@ -8,10 +8,23 @@ names and can begin with its ImageNet weights.
 """
 
 from fusionnet.catalogue import Catalogue
-from fusionnet.models.backbones._weights import fill_backbone, freeze_normalisation
+from fusionnet.models.backbones._weights import (
+    IMAGENET,
+    RANDOM,
+    fill_backbone,
+    freeze_normalisation,
+)
 
 catalogue = Catalogue("fusionnet.models.backbones", kind="backbone", attribute="BACKBONE")
 load = catalogue.load
 names = catalogue.names
 
-__all__ = ["catalogue", "fill_backbone", "freeze_normalisation", "load", "names"]
+__all__ = [
+    "IMAGENET",
+    "RANDOM",
+    "catalogue",
+    "fill_backbone",
+    "freeze_normalisation",
+    "load",
+    "names",
+]

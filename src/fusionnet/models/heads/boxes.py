@@ -5,16 +5,16 @@ The same two subnets read every pyramid level.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import torch
 from jaxtyping import Float, Int
 from torch import Tensor, nn
+from torchmetrics.detection import MeanAveragePrecision
 from torchvision.models.detection._utils import BoxCoder, Matcher
 from torchvision.models.detection.anchor_utils import AnchorGenerator
-from torchvision.models.detection.image_list import ImageList
 from torchvision.ops import batched_nms, box_iou, clip_boxes_to_image, sigmoid_focal_loss
 
 from fusionnet.blocks import CLASS_NAMES
@@ -53,6 +53,8 @@ class BoxConfig:
         depth: Convolutions with ReLU in each subnet, before the last one.
         width: Channels of the subnets.
         kernel: Edge of the last convolution's kernel.
+        prior: Bias of the last classifying convolution; the logit of the share of anchors
+            that are expected to hold a block (thesis 4.1.2: -2).
     """
 
     strides: tuple[int, ...] = (8,)
@@ -61,18 +63,31 @@ class BoxConfig:
     depth: int = 1
     width: int = 64
     kernel: int = 1
+    prior: float = -math.log(99)
 
     def __post_init__(self) -> None:
-        """Bring lists, as JSON has them, to tuples; refuse levels that do not fit."""
-        object.__setattr__(self, "strides", tuple(self.strides))
-        object.__setattr__(self, "sizes", tuple(tuple(level) for level in self.sizes))
-        object.__setattr__(self, "ratios", tuple(self.ratios))
+        """Refuse levels that do not fit."""
         counts = {len(level) for level in self.sizes}
         if len(self.sizes) != len(self.strides) or len(counts) != 1:
             raise InputError(
                 "Each stride of the box head needs as many anchor sizes as the others; got "
                 f"strides {self.strides} and sizes {self.sizes}."
             )
+
+    @classmethod
+    def from_json(cls, values: Mapping[str, Any]) -> "BoxConfig":
+        """From what JSON makes of its fields."""
+        given: dict[str, Any] = {
+            k: tuple(v) if isinstance(v, list | tuple) else v for k, v in values.items()
+        }
+        if "sizes" in given:
+            given["sizes"] = tuple(tuple(level) for level in given["sizes"])
+        return cls(**given)
+
+    @property
+    def anchors_a_place(self) -> int:
+        """Anchors at each place of each level."""
+        return len(self.sizes[0]) * len(self.ratios)
 
 
 class BoxOutputs(NamedTuple):
@@ -104,16 +119,18 @@ class BoxHead(nn.Module):
         self.config = config = config or BoxConfig()
         levels = len(config.strides)
         self.anchors = AnchorGenerator(sizes=config.sizes, aspect_ratios=(config.ratios,) * levels)
-        count = len(config.sizes[0]) * len(config.ratios)
-        self.classify = _subnet(channels, config, count * CLASSES)
-        self.regress = _subnet(channels, config, count * 4)
-        prior = 0.01
+        self.classify = subnet(channels, config, config.anchors_a_place * CLASSES)
+        self.regress = subnet(channels, config, config.anchors_a_place * 4)
+        self.expect_few()
+        self.coder = BoxCoder(weights=(1.0, 1.0, 1.0, 1.0))
+        self.matcher = Matcher(0.5, 0.4, allow_low_quality_matches=True)
+
+    def expect_few(self) -> None:
+        """Start the classifier from the prior, so that the many empty anchors do not drown it."""
         final = self.classify[-1]
         assert isinstance(final, nn.Conv2d) and final.bias is not None
         nn.init.normal_(final.weight, std=0.01)
-        nn.init.constant_(final.bias, -math.log((1 - prior) / prior))
-        self.coder = BoxCoder(weights=(1.0, 1.0, 1.0, 1.0))
-        self.matcher = Matcher(0.5, 0.4, allow_low_quality_matches=True)
+        nn.init.constant_(final.bias, self.config.prior)
 
     def forward(
         self, levels: Sequence[Float[Tensor, "b c _ _"]], size: tuple[int, int]
@@ -122,13 +139,20 @@ class BoxHead(nn.Module):
 
         Args:
             levels: One feature map for each stride.
-            size: Height and width of the input, in pixels; multiples of every stride.
+            size: Height and width of the input, in pixels.
         """
-        classes = [_by_anchor(self.classify(features), CLASSES) for features in levels]
-        offsets = [_by_anchor(self.regress(features), 4) for features in levels]
-        images = ImageList(torch.empty((1, 3, *size), device="meta"), [size])
-        anchors = self.anchors(images, [features[:1] for features in levels])[0]
+        classes = [by_anchor(self.classify(features), CLASSES) for features in levels]
+        offsets = [by_anchor(self.regress(features), 4) for features in levels]
+        anchors = self._anchors_of(levels)
         return BoxOutputs(torch.cat(classes, dim=1), torch.cat(offsets, dim=1), anchors, size)
+
+    def _anchors_of(self, levels: Sequence[Float[Tensor, "b c _ _"]]) -> Float[Tensor, "n 4"]:
+        """All anchors, in pixels of the input, whatever its size is divisible by."""
+        device = levels[0].device
+        self.anchors.set_cell_anchors(torch.float32, device)
+        sizes = [list(features.shape[-2:]) for features in levels]
+        strides = [[torch.tensor(s, device=device)] * 2 for s in self.config.strides]
+        return torch.cat(self.anchors.grid_anchors(sizes, strides))
 
     def losses(self, outputs: BoxOutputs, truth: list[Boxes]) -> dict[str, Tensor]:
         """`class`: focal loss (gamma 2, alpha 0.5); `box`: smooth L1 (thesis 4.1.2)."""
@@ -171,16 +195,31 @@ class BoxHead(nn.Module):
             found.append(Boxes(boxes[kept], labels[kept], scores[kept]))
         return found
 
+    @staticmethod
+    def metric(found: Sequence[Boxes], truth: Sequence[Boxes]) -> dict[str, float]:
+        """Mean average precision over classes, at an overlap of 0.5 and from 0.5 to 0.95."""
+        precision = MeanAveragePrecision(backend="faster_coco_eval")
+        precision.warn_on_many_detections = False
+        precision.update([_as_dict(boxes) for boxes in found], [_as_dict(b) for b in truth])
+        measured = precision.compute()
+        return {"map_50": float(measured["map_50"]), "map_50_95": float(measured["map"])}
+
+
+def _as_dict(boxes: Boxes) -> dict[str, Tensor]:
+    return {"boxes": boxes.xyxy.float(), "labels": boxes.classes, "scores": boxes.scores.float()}
+
 
 def _focal(logits: Tensor, wanted: Tensor) -> Tensor:
     return sigmoid_focal_loss(logits, wanted, alpha=0.5, gamma=2.0, reduction="sum")
 
 
-def _by_anchor(output: Float[Tensor, "b _ h w"], values: int) -> Float[Tensor, "b n {values}"]:
+def by_anchor(output: Float[Tensor, "b _ h w"], values: int) -> Float[Tensor, "b n {values}"]:
+    """A convolution's output with one row an anchor: rows, columns, then anchors of a place."""
     return output.permute(0, 2, 3, 1).reshape(len(output), -1, values)
 
 
-def _subnet(channels: int, config: BoxConfig, outputs: int) -> nn.Sequential:
+def subnet(channels: int, config: BoxConfig, outputs: int) -> nn.Sequential:
+    """Convolutions with ReLU as the configuration says, and a last linear one."""
     layers: list[nn.Module] = []
     for source in (channels, *(config.width,) * (config.depth - 1))[: config.depth]:
         layers += [nn.Conv2d(source, config.width, 3, padding=1), nn.ReLU(inplace=True)]

@@ -1,0 +1,76 @@
+"""What a detector is given to learn from, and what it sees."""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from jaxtyping import Float, Int, UInt8
+from torch import Tensor
+
+from fusionnet.models.heads.boxes import Boxes
+
+
+@dataclass  # not frozen: Fabric moves its tensors between devices
+class BoxBatch:
+    """Pictures and their boxes: what a detector of boxes learns from.
+
+    Attributes:
+        images: Network inputs, 0 to 255.
+        boxes: Ground truth of each picture, in pixels of the input.
+    """
+
+    images: UInt8[Tensor, "b h w 3"]
+    boxes: list[Boxes]
+
+
+@dataclass
+class Batch(BoxBatch):
+    """Pictures and everything that the heads of layouts learn from as well.
+
+    Attributes:
+        cells: Class of each of the 512 cells (16 is empty).
+        holding: 1 where the gripper holds a block.
+        matrix: Intrinsics for the input.
+        camera_from_board: Pose of the camera.
+        disturbance: Added to the true deviation when cells are projected while training.
+    """
+
+    cells: Int[Tensor, "b 512"]
+    holding: Float[Tensor, " b"]
+    matrix: Float[Tensor, "b 3 3"]
+    camera_from_board: Float[Tensor, "b 4 4"]
+    disturbance: Float[Tensor, "b 7"]
+
+
+@dataclass(frozen=True)
+class Sight:
+    """What the network sees in one picture.
+
+    Attributes:
+        boxes: Detections, in pixels of the eye's picture.
+        cells: Probabilities of the 17 classes for each cell of the grid.
+        holding: Probability that the gripper holds a block.
+        corners: Where the corners of the checkerboard appear, in pixels of the eye's picture.
+    """
+
+    boxes: Boxes
+    cells: Float[np.ndarray, "8 8 8 17"]
+    holding: float
+    corners: Float[np.ndarray, "81 2"]
+
+
+def padded_to_aspect(
+    image: UInt8[np.ndarray, "h w 3"], size: tuple[int, int]
+) -> UInt8[np.ndarray, "h2 w2 3"]:
+    """The picture with a grey border at the right or the bottom, in the aspect of `size`.
+
+    A picture whose sides are within 2 % of that aspect is left as it is.
+    """
+    height, width = image.shape[:2]
+    wanted = size[0] / size[1]
+    if abs(width / height / wanted - 1) <= 0.02:
+        return image
+    right = max(round(height * wanted) - width, 0)
+    bottom = max(round(width / wanted) - height, 0)
+    grey = (127, 127, 127)
+    return cv2.copyMakeBorder(image, 0, bottom, 0, right, cv2.BORDER_CONSTANT, value=grey)

@@ -1,0 +1,159 @@
+"""Pictures of a data set as the thesis's detector learns from them: cropped, moved, boxed.
+
+A picture is cropped to the region where blocks can be placed, in its own aspect, with the
+thesis's crop factors (6.1). The thesis takes that region from the boxes; ours is where the
+grid appears, which needs no label and is the same for training and validation. Level-2
+noise (3.2.5) moves the cropped picture and its boxes.
+"""
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import torch
+from jaxtyping import Float, Int, UInt8
+
+from fusionnet.blocks import BLOCK_SIZE, CLASS_NAMES, GRID
+from fusionnet.dataset.frame import PictureFrame
+from fusionnet.dataset.framing import decode, whole_frame
+from fusionnet.dataset.pictures import LEAST_PIXELS
+from fusionnet.dataset.reader import StoredSamples
+from fusionnet.errors import DataError
+from fusionnet.models.heads.boxes import Boxes
+from fusionnet.models.sight import BoxBatch, padded_to_aspect
+from fusionnet.views import LevelTwo, crop_around
+
+COLUMNS = (
+    "id",
+    "image",
+    "width",
+    "height",
+    "boxes",
+    "classes",
+    "box_blocks",
+    "block_pixels",
+    "camera",
+)
+
+LEAST_SHARE = 0.3
+"""A box of which noise leaves a smaller share in the picture is dropped."""
+
+
+class PlacementPictures:
+    """The pictures of one split with their boxes.
+
+    Args:
+        folder: A finished data set.
+        split: One of its splits.
+        frame: Size and aspect of the network's input.
+        crop: Whether pictures are cropped to the placement region.
+
+    Raises:
+        DataError: If the data set is not finished, damaged, has other classes, or no picture.
+        UnknownNameError: If it has no such split.
+    """
+
+    def __init__(self, folder: Path, split: str, frame: PictureFrame, *, crop: bool = True) -> None:
+        self.samples = StoredSamples(folder, split, COLUMNS)
+        self.frame = frame
+        self.crop = crop
+        if not len(self):
+            raise DataError(f"The split {split!r} of {folder} has no picture.")
+
+    def __len__(self) -> int:
+        return len(self.samples)
+
+    def __getitem__(self, index: int) -> tuple[UInt8[np.ndarray, "h w 3"], Boxes]:
+        """The network's input, and the boxes in it."""
+        sample = self.samples[index]
+        size = (int(sample["width"]), int(sample["height"]))
+        image = decode(sample["image"]["bytes"], size, whole_frame(size, size))
+        left, top, right, bottom = placement_crop(sample, size) if self.crop else (0, 0, *size)
+        part = padded_to_aspect(image[top:bottom, left:right], self.frame.eye_size)
+        scale = np.array(self.frame.input_size) / [part.shape[1], part.shape[0]]
+        how = cv2.INTER_AREA if scale[0] < 1 else cv2.INTER_LINEAR
+        picture = cv2.resize(part, self.frame.input_size, interpolation=how)
+        boxes, classes = seen_boxes(sample, float(scale.prod()))
+        boxes = (boxes - [left, top, left, top]) * np.tile(scale, 2)
+        return picture, within(boxes, boxes, classes, self.frame.input_size)
+
+
+def placement_crop(sample: dict, size: tuple[int, int]) -> tuple[int, int, int, int]:
+    """Left, top, right and bottom of the crop of a stored sample's picture, in its pixels."""
+    camera = sample["camera"]
+    matrix = np.array(camera["matrix"]).reshape(3, 3)
+    pose = np.array(camera["camera_from_board"]).reshape(4, 4)
+    ends = (0.0, GRID * BLOCK_SIZE)
+    corners = np.array([[x, y, z, 1.0] for x in ends for y in ends for z in ends])
+    in_camera = (corners @ pose.T)[:, :3]
+    if (in_camera[:, 2] <= 0).any():
+        return 0, 0, *size
+    projected = in_camera @ matrix.T
+    pixels = projected[:, :2] / projected[:, 2:] + 0.5
+    edges = np.concatenate([pixels.min(axis=0), pixels.max(axis=0)])
+    return crop_around(np.clip(edges, 0, np.tile(size, 2))[None], size)
+
+
+def seen_boxes(
+    sample: dict, enlargement: float
+) -> tuple[Float[np.ndarray, "n 4"], Int[np.ndarray, " n"]]:
+    """Boxes (in stored pixels) and classes of the blocks that show enough.
+
+    Raises:
+        DataError: If a class is none of `blocks.CLASS_NAMES`.
+    """
+    boxes = np.asarray(sample["boxes"], dtype=float).reshape(-1, 4)
+    classes = np.asarray(sample["classes"], dtype=int)
+    if len(classes) and not 0 <= classes.min() <= classes.max() < len(CLASS_NAMES):
+        raise DataError(
+            f"Sample {sample['id']} has a class {int(classes.max())}; there are "
+            f"{len(CLASS_NAMES)}, numbered from 0."
+        )
+    owners = np.asarray(sample["box_blocks"], dtype=int)
+    pixels = np.asarray(sample["block_pixels"], dtype=float)[owners]
+    shown = pixels * enlargement >= LEAST_PIXELS
+    return boxes[shown], classes[shown]
+
+
+def within(
+    boxes: Float[np.ndarray, "n 4"],
+    whole: Float[np.ndarray, "n 4"],
+    classes: Int[np.ndarray, " n"],
+    size: tuple[int, int],
+) -> Boxes:
+    """The boxes clipped to a picture, without those that are mostly outside of it."""
+    clipped = np.clip(boxes, 0, np.tile(size, 2))
+    sides = clipped[:, 2:] - clipped[:, :2]
+    area = np.prod(whole[:, 2:] - whole[:, :2], axis=1)
+    kept = (sides > 1).all(axis=1) & (sides.prod(axis=1) >= LEAST_SHARE * area)
+    return Boxes(
+        torch.from_numpy(clipped[kept]).float(),
+        torch.from_numpy(classes[kept]).long(),
+        torch.ones(int(kept.sum())),
+    )
+
+
+def moved(
+    picture: UInt8[np.ndarray, "h w 3"], boxes: Boxes, noise: LevelTwo, rng: np.random.Generator
+) -> tuple[UInt8[np.ndarray, "h w 3"], Boxes]:
+    """Level-2 noise: the picture and its boxes under one random affine map about its middle.
+
+    A moved box is the upright one around the corners of the old, somewhat too large; so it is
+    in the thesis's source.
+    """
+    height, width = picture.shape[:2]
+    new_from_old = noise.sample(rng, (width, height))
+    image = cv2.warpAffine(
+        picture, new_from_old[:2], (width, height), borderMode=cv2.BORDER_REPLICATE
+    )
+    xyxy = boxes.xyxy.double().numpy()
+    corners = xyxy[:, [[0, 1], [2, 1], [2, 3], [0, 3]]] - 0.5
+    mapped = corners @ new_from_old[:2, :2].T + new_from_old[:2, 2] + 0.5
+    around = np.concatenate([mapped.min(axis=1), mapped.max(axis=1)], axis=1)
+    return image, within(around, around, boxes.classes.numpy(), (width, height))
+
+
+def collate(samples: list[tuple[UInt8[np.ndarray, "h w 3"], Boxes]]) -> BoxBatch:
+    """Pictures and boxes as one batch."""
+    images, boxes = zip(*samples, strict=True)
+    return BoxBatch(torch.from_numpy(np.stack(images)), list(boxes))
