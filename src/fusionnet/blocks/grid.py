@@ -4,8 +4,10 @@ A *cell* (x, y, z) addresses the 8x8x8 grid: x 0 is nearest the robot, y 0 is
 right-most in its view, z 0 stands on the table (thesis, section 3.1).
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
+from functools import cached_property
 from typing import NamedTuple
 
 from fusionnet.rcl.values import Color as Color
@@ -87,12 +89,24 @@ class Layout:
     gripper: Gripper = field(default_factory=lambda: Gripper(Cell(6, 5, 4)))
     id: int | None = None
 
-    @property
+    @cached_property
     def held(self) -> Block | None:
         """The block in the closed gripper, if there is one."""
         if not self.gripper.closed:
             return None
         return next((b for b in self.blocks if b.cell == self.gripper.cell), None)
+
+    @cached_property
+    def columns(self) -> Mapping[tuple[int, int], tuple[Block, ...]]:
+        """The resting blocks of every column (x, y) that has any, from the bottom up."""
+        columns: dict[tuple[int, int], list[Block]] = {}
+        for block in self.blocks:
+            if block is not self.held:
+                columns.setdefault(block.cell[:2], []).append(block)
+        return {
+            place: tuple(sorted(column, key=lambda block: block.cell.z))
+            for place, column in columns.items()
+        }
 
     def at(self, cell: Cell) -> Block | None:
         """The block in a cell, if there is one."""

@@ -18,7 +18,7 @@ import math
 from collections.abc import Iterable, Mapping
 
 from fusionnet.blocks.grid import Block, Cell, Color, Layout, Shape
-from fusionnet.blocks.things import BOARD, CENTER, STEPS, Column, Thing, distance, places
+from fusionnet.blocks.things import BOARD, CENTER, STEPS, Thing, distance, places
 from fusionnet.errors import PlanningError
 from fusionnet.rcl import Entity, Indicator, Relation, SpatialRelation, Type
 from fusionnet.rcl.english import describe, describe_relation
@@ -58,13 +58,7 @@ class Grounding:
         self.held = layout.held
         self.moved: Block | None = None
         self.named: dict[int, tuple[Type, list[Thing]]] = {}
-        self.columns: dict[Column, list[Block]] = {}
-        for block in layout.blocks:
-            if block is not self.held:
-                x, y, _ = block.cell
-                self.columns.setdefault((x, y), []).append(block)
-        for column in self.columns.values():
-            column.sort(key=lambda block: block.cell.z)
+        self.columns = layout.columns
 
     def find(
         self, entity: Entity, among: Iterable[Block] | None = None, fewest: int = 2
@@ -173,14 +167,14 @@ class Grounding:
             reach = 1
             if relation.measure is not None and relation.measure.entity.cardinal is not None:
                 reach = relation.measure.entity.cardinal.value
-            kept = [t for t in found if any(_lies(t, kind, mark, reach) for mark in landmarks)]
+            kept = _lying(found, kind, landmarks, reach)
             if not kept and kind is Relation.ABOVE:
                 # "The red cube on the red stack" may be the stack's own top cube.
                 tops = {mark.cells[-1] for mark in landmarks if mark.blocks > 1}
                 kept = [thing for thing in found if thing.cells[-1] in tops]
             if not kept and landmark.type.value is Type.CUBE_GROUP:
                 singles = self.find(landmark, fewest=1)
-                kept = [t for t in found if any(_lies(t, kind, mark, reach) for mark in singles)]
+                kept = _lying(found, kind, singles, reach)
         if not kept:
             bare = Entity(entity.type, entity.colors, entity.indicators, entity.cardinal)
             raise PlanningError(f"No {_said(bare)} is {describe_relation(relation)}.")
@@ -230,21 +224,24 @@ _ORDER = {
 """Superlatives: the coordinate, and by which sign the chosen one is the least."""
 
 
-def _lies(thing: Thing, kind: Relation, mark: Thing, reach: int) -> bool:
-    """Whether a thing lies to a landmark as a relation (not "nearest") says."""
-    x, y, z = thing.cells[0]
-    if kind is Relation.ABOVE or kind is Relation.WITHIN:
-        if mark.blocks:
-            return mark.cells[-1] == (x, y, z - 1)
-        if mark is BOARD:
-            return z == 0
-        return (x, y, -1) in mark.cells
+def _lying(found: list[Thing], kind: Relation, marks: list[Thing], reach: int) -> list[Thing]:
+    """The things that lie to any landmark as a relation (not "nearest") says."""
     if kind is Relation.ADJACENT:
-        if mark.blocks:
-            return distance(thing, mark) == 1
-        return distance(thing, mark) == 0
+        return [t for t in found if any(distance(t, m) == (m.blocks > 0) for m in marks)]
+    if kind is Relation.ABOVE or kind is Relation.WITHIN:
+        if any(mark is BOARD for mark in marks):
+            return [thing for thing in found if thing.cells[0].z == 0]
+        below = {mark.cells[-1] for mark in marks if mark.blocks}
+        squares = {cell for mark in marks if not mark.blocks for cell in mark.cells}
+        return [
+            thing
+            for thing in found
+            for x, y, z in thing.cells[:1]
+            if (x, y, z - 1) in below or (x, y, -1) in squares
+        ]
     dx, dy = STEPS[kind]
-    return any(c.x + reach * dx == x and c.y + reach * dy == y for c in mark.cells)
+    columns = {(c.x + reach * dx, c.y + reach * dy) for mark in marks for c in mark.cells}
+    return [thing for thing in found if thing.cells[0][:2] in columns]
 
 
 def _said(entity: Entity) -> str:

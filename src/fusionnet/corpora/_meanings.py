@@ -40,10 +40,7 @@ class Meanings:
     def __init__(self, layout: Layout, chance: Random) -> None:
         self.chance = chance
         self.held = layout.held
-        self.columns: dict[tuple[int, int], list[Block]] = {}
-        for block in sorted(layout.blocks, key=lambda block: block.cell.z):
-            if block is not self.held:
-                self.columns.setdefault(block.cell[:2], []).append(block)
+        self.columns = layout.columns
         self.tops = [column[-1] for column in self.columns.values()]
         self.cubes = [block for block in self.tops if block.shape is Shape.CUBE]
 
@@ -149,7 +146,7 @@ class Meanings:
         colors = (Leaf(below[-1].color),) if self.chance.random() < 0.95 else ()
         return SpatialRelation(above, Entity(Leaf(Type.CUBE), colors))
 
-    def _stack(self, cubes: list[Block]) -> Entity:
+    def _stack(self, cubes: tuple[Block, ...]) -> Entity:
         """A stack or a group of cubes, by its colours from the top or from the bottom."""
         colors: list[Color] = []
         for cube in cubes if self.chance.random() < 0.5 else reversed(cubes):
@@ -226,7 +223,7 @@ class Meanings:
         if kind < 0.88:
             return Entity(Leaf(Type.ROBOT))
         block = chance.choice(self.tops)
-        column = [b for b in self.columns[block.cell[:2]] if b.shape is Shape.CUBE]
+        column = tuple(b for b in self.columns[block.cell[:2]] if b.shape is Shape.CUBE)
         if len(column) > 1 and chance.random() < 0.5:
             return self._stack(column)
         return Entity(Leaf(_TYPES[block.shape]), (Leaf(block.color),))
@@ -261,7 +258,7 @@ class Meanings:
 
     def _landmark(self, cube: Block, moved: Block) -> Entity:
         """A description that fits a cube on which something can be put."""
-        column = [block for block in self.columns[cube.cell[:2]] if block is not moved]
+        column = tuple(b for b in self.columns[cube.cell[:2]] if b is not moved)
         if len(column) > 1 and self.chance.random() < 0.55:
             stack = self._stack(column)
             if self.chance.random() < 0.12:

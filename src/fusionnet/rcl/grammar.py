@@ -36,16 +36,18 @@ def an(name: str) -> str:
     return f"{'an' if name[0] in 'aeiou' else 'a'} {name}"
 
 
-def _one(children: list[tuple[str, Any]], allowed: str, needed: str) -> dict[str, Any]:
+def _one(
+    children: list[tuple[str, Any]], allowed: tuple[str, ...], needed: tuple[str, ...]
+) -> dict[str, Any]:
     """The children by name, each at most once, only `allowed` ones, all `needed` ones."""
     found: dict[str, Any] = {}
     for name, child in children:
-        if name not in allowed.split():
-            raise Misfit(f"cannot hold {an(name)}; it holds {allowed.replace(' ', ', ')}")
+        if name not in allowed:
+            raise Misfit(f"cannot hold {an(name)}; it holds {', '.join(allowed)}")
         if name in found:
             raise Misfit(f"holds {name!r} twice")
         found[name] = child
-    for name in needed.split():
+    for name in needed:
         if name not in found:
             raise Misfit(f"needs {an(name)}")
     return found
@@ -56,14 +58,13 @@ def _entity(children: list[tuple[str, Any]]) -> Entity:
     colors: list[Leaf[Color]] = []
     indicators: list[Leaf[Indicator]] = []
     relations: list[SpatialRelation] = []
-    several: dict[str, list[Any]] = {
-        "color": colors,
-        "indicator": indicators,
-        "spatial-relation": relations,
-    }
     for name, child in children:
-        if name in several:
-            several[name].append(child)
+        if name == "color":
+            colors.append(child)
+        elif name == "spatial-relation":
+            relations.append(child)
+        elif name == "indicator":
+            indicators.append(child)
         elif name in single:
             raise Misfit(f"holds {name!r} twice")
         elif name in _ENTITY_PARTS:
@@ -87,12 +88,12 @@ _ENTITY_PARTS = ("type", "id", "reference-id", "cardinal")
 
 
 def _spatial_relation(children: list[tuple[str, Any]]) -> SpatialRelation:
-    parts = _one(children, "measure relation entity", "relation")
+    parts = _one(children, ("measure", "relation", "entity"), ("relation",))
     return SpatialRelation(parts["relation"], parts.get("entity"), parts.get("measure"))
 
 
 def _event(children: list[tuple[str, Any]]) -> Event:
-    parts = _one(children, "action entity destination", "action entity")
+    parts = _one(children, ("action", "entity", "destination"), ("action", "entity"))
     return Event(parts["action"], parts["entity"], parts.get("destination"))
 
 
@@ -108,8 +109,10 @@ def _sequence(children: list[tuple[str, Any]]) -> Sequence:
 BUILDERS: dict[str, Callable[[list[tuple[str, Any]]], Any]] = {
     "sequence": _sequence,
     "event": _event,
-    "destination": lambda c: _one(c, "spatial-relation", "spatial-relation")["spatial-relation"],
+    "destination": lambda c: _one(c, ("spatial-relation",), ("spatial-relation",))[
+        "spatial-relation"
+    ],
     "spatial-relation": _spatial_relation,
-    "measure": lambda c: Measure(_one(c, "entity", "entity")["entity"]),
+    "measure": lambda c: Measure(_one(c, ("entity",), ("entity",))["entity"]),
     "entity": _entity,
 }

@@ -32,13 +32,20 @@ DEEPEST = 40
 LARGEST_NUMBER = 999
 """Largest cardinal, id or word position."""
 
-_SCAN = re.compile(
-    r"\(\s*(?:"
-    r"(?P<leaf>[\w-]+)\s*:\s*(?P<value>[\w-]+)\s*"
-    r"(?:\(\s*token\s*:\s*(?P<first>\d+)(?:\s+(?P<last>\d+))?\s*\)\s*)?\)"
-    r"|(?P<node>[\w-]+)\s*:"
-    r")\s*|(?P<close>\))\s*"
+_LEAF = re.compile(
+    r"\(\s*([\w-]+)\s*:\s*([\w-]+)\s*(?:\(\s*token\s*:\s*(\d+)(?:\s+(\d+))?\s*\)\s*)?\)\s*"
 )
+_NODE = re.compile(r"\(\s*([\w-]+)\s*:\s*")
+_PIECES = re.compile(
+    r"\(\s*[\w-]+\s*:\s*[\w-]+\s*(?:\(\s*token\s*:\s*\d+(?:\s+\d+)?\s*\)\s*)?\)\s*"
+    r"|\(\s*[\w-]+\s*:\s*"
+    r"|\)\s*|.",
+    re.DOTALL,
+)
+"""A whole leaf, the opening of a node, a closing bracket, or one character that fits nowhere."""
+
+_Child = tuple[str, Any]
+"""A name and what it names: a leaf's value or a finished node."""
 
 
 def parse(text: str) -> Tree:
@@ -52,58 +59,54 @@ def parse(text: str) -> Tree:
         raise TreeError(
             f"The tree's text has {len(text)} characters; at most {LONGEST_TEXT} are read."
         )
-    position = len(text) - len(text.lstrip())
-    # One open node a level: its name, where it began, and its children so far.
-    open_nodes: list[tuple[str, int, list[tuple[str, Any]]]] = []
-    children: list[tuple[str, Any]] = []
-    scan = _SCAN.match
-    while match := scan(text, position):
-        name, value, first, last, node, close = match.groups()
-        if name is not None:
-            if not open_nodes:
-                raise _malformed(position, f"a tree begins with an event or sequence, not {name!r}")
-            key = (name, value, first, last)
-            leaf = _LEAVES.get(key)
-            if leaf is None:
-                leaf = _leaf(name, value, first, last, position)
-                if len(_LEAVES) < 50_000:
-                    _LEAVES[key] = leaf
-            children.append((name, leaf))
-        elif node is not None:
-            if node not in BUILDERS:
-                known = [*BUILDERS, *LEAF_VALUES, *NUMBERS]
-                said = "no value stands behind" if node in known else "there is no node called"
-                raise _malformed(position, f"{said} {node!r}{did_you_mean(node, known)}")
-            if len(open_nodes) == DEEPEST:
-                raise _malformed(position, f"more than {DEEPEST} levels")
-            children = []
-            open_nodes.append((node, position, children))
-        else:
-            assert close
-            if not open_nodes:
-                raise _malformed(position, "')' closes nothing")
-            built, began, inner = open_nodes.pop()
+    pieces = _PIECES.findall(text, len(text) - len(text.lstrip()))
+
+    def malformed(number: int, what: str) -> TreeError:
+        """The error at the piece with this number."""
+        position = len(text) - sum(map(len, pieces[number:]))
+        return TreeError(f"Malformed tree at character {position + 1}: {what}.")
+
+    # One open node a level: its name, the piece that began it, and its children so far.
+    open_nodes: list[tuple[str, int, list[_Child]]] = []
+    children: list[_Child] = []
+    for number, piece in enumerate(pieces):
+        if piece[0] != ")":
             try:
-                result = BUILDERS[built](inner)
+                known = _KNOWN.get(piece) or _learn(piece)
             except Misfit as misfit:
-                raise _malformed(began, f"{an(built)} {misfit}") from None
-            if open_nodes:
-                children = open_nodes[-1][2]
-                children.append((built, result))
-            elif match.end() != len(text):
-                raise _malformed(match.end(), "text after the end of the tree")
-            elif isinstance(result, (Event, Sequence)):
-                return result
+                raise malformed(number, str(misfit)) from None
+            name, leaf = known
+            if leaf is None:
+                if len(open_nodes) == DEEPEST:
+                    raise malformed(number, f"more than {DEEPEST} levels")
+                children = []
+                open_nodes.append((name, number, children))
+            elif open_nodes:
+                children.append(known)
             else:
-                raise _malformed(began, f"a tree begins with an event or sequence, not {built!r}")
-        position = match.end()
-    if position < len(text):
-        found = text[position : position + 12]
-        raise _malformed(position, f"expected '(name: ...)' or ')', found {found!r}")
+                raise malformed(number, f"{_BEGINS}, not {name!r}")
+            continue
+        if not open_nodes:
+            raise malformed(number, "')' closes nothing")
+        name, began, inner = open_nodes.pop()
+        try:
+            result = BUILDERS[name](inner)
+        except Misfit as misfit:
+            raise malformed(began, f"{an(name)} {misfit}") from None
+        if open_nodes:
+            children = open_nodes[-1][2]
+            children.append((name, result))
+        elif number + 1 < len(pieces):
+            raise malformed(number + 1, "text after the end of the tree")
+        elif isinstance(result, (Event, Sequence)):
+            return result
+        else:
+            raise malformed(began, f"{_BEGINS}, not {name!r}")
     if not open_nodes:
-        raise _malformed(position, "there is no tree: the text is empty")
+        raise malformed(len(pieces), "there is no tree: the text is empty")
     name, began, _ = open_nodes[-1]
-    raise _malformed(position, f"{name!r} from character {began + 1} is not closed")
+    opened = len(text) - sum(map(len, pieces[began:])) + 1
+    raise malformed(len(pieces), f"{name!r} from character {opened} is not closed")
 
 
 def format(tree: Tree, tokens: bool = True) -> str:
@@ -111,50 +114,68 @@ def format(tree: Tree, tokens: bool = True) -> str:
     return "".join(_write(tree, tokens))
 
 
-def _malformed(position: int, what: str) -> TreeError:
-    return TreeError(f"Malformed tree at character {position + 1}: {what}.")
+_BEGINS = "a tree begins with an event or sequence"
+
+_KNOWN: dict[str, _Child] = {}
+"""Leaves, and openings of nodes (None), already read: they are few, and immutable."""
 
 
-_LEAVES: dict[tuple[str, str, str | None, str | None], Leaf[Any]] = {}
-"""Leaves already read: they are few, and immutable."""
+def _learn(piece: str) -> _Child:
+    """What a piece says: a leaf, or None behind the name of a node that it opens.
+
+    Raises:
+        Misfit: If it says nothing that a tree may hold.
+    """
+    if match := _LEAF.fullmatch(piece):
+        known: _Child = (match[1], _leaf(*match.groups()))
+    elif match := _NODE.fullmatch(piece):
+        if match[1] not in BUILDERS:
+            names = [*BUILDERS, *LEAF_VALUES, *NUMBERS]
+            said = "no value stands behind" if match[1] in names else "there is no node called"
+            raise Misfit(f"{said} {match[1]!r}{did_you_mean(match[1], names)}")
+        known = (match[1], None)
+    else:
+        raise Misfit(f"expected '(name: ...)' or ')', found {piece!r}")
+    if len(piece) < 100 and len(_KNOWN) < 50_000:
+        _KNOWN[piece] = known
+    return known
 
 
-def _leaf(name: str, value: str, first: str | None, last: str | None, at: int) -> Leaf[Any]:
+def _leaf(name: str, value: str, first: str | None, last: str | None) -> Leaf[Any]:
     """A leaf from its parts, as the text has them."""
     if name in NUMBERS:
-        content: Any = _number(value, name, at)
+        content: Any = _number(value, name)
         if str(content) != value:
-            raise _malformed(at, f"{value!r} is not written as a whole number is")
+            raise Misfit(f"{value!r} is not written as a whole number is")
     elif name in ENUMS:
         if value not in LEAF_VALUES[name]:
             known = list(LEAF_VALUES[name])
-            raise _malformed(
-                at,
+            raise Misfit(
                 f"no {name} is called {value!r}; known: {', '.join(known)}"
-                + did_you_mean(value, known).removesuffix("."),
+                + did_you_mean(value, known).removesuffix(".")
             )
         content = ENUMS[name](value)
     elif name in BUILDERS:
-        raise _malformed(at, f"{an(name)} holds further nodes, not the word {value!r}")
+        raise Misfit(f"{an(name)} holds further nodes, not the word {value!r}")
     else:
         known = [*LEAF_VALUES, *NUMBERS]
-        raise _malformed(at, f"there is no leaf called {name!r}{did_you_mean(name, known)}")
+        raise Misfit(f"there is no leaf called {name!r}{did_you_mean(name, known)}")
     if first is None:
         return Leaf(content)
-    begin = _number(first, "token", at)
-    end = begin if last is None else _number(last, "token", at)
+    begin = _number(first, "token")
+    end = begin if last is None else _number(last, "token")
     if end < begin:
-        raise _malformed(at, f"words {begin} to {end} run backwards")
+        raise Misfit(f"words {begin} to {end} run backwards")
     return Leaf(content, tuple(range(begin, end + 1)))
 
 
-def _number(digits: str, name: str, at: int) -> int:
+def _number(digits: str, name: str) -> int:
     """A whole number from 1 to `LARGEST_NUMBER`."""
     if not (digits.isascii() and digits.isdigit() and len(digits) <= 6):
-        raise _malformed(at, f"{an(name)} is a whole number, not {digits!r}")
+        raise Misfit(f"{an(name)} is a whole number, not {digits!r}")
     number = int(digits)
     if not 1 <= number <= LARGEST_NUMBER:
-        raise _malformed(at, f"{an(name)} is 1 to {LARGEST_NUMBER}, not {number}")
+        raise Misfit(f"{an(name)} is 1 to {LARGEST_NUMBER}, not {number}")
     return number
 
 

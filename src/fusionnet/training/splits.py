@@ -2,7 +2,9 @@
 
 Beside the parts by scene group there is a *hard* split: the commands whose tree,
 colours aside, occurs only once in the corpus. On a random split a good translator
-is nearly perfect; the hard one still tells translators apart.
+is nearly perfect; the hard one still tells translators apart. *random* is a seeded
+tenth of all commands, whatever their group; *rest* is what is not in it, as *easy* is
+what is not in hard.
 """
 
 from collections import Counter
@@ -12,8 +14,12 @@ from typing import Literal, get_args
 from fusionnet.corpora import Command, Corpus, part_of
 from fusionnet.errors import TreeError, UnknownNameError
 from fusionnet.models.tree_symbols import symbols_of
+from fusionnet.randomness import generator
 
-Split = Literal["train", "val", "test", "hard", "easy", "all"]
+Split = Literal["train", "val", "test", "hard", "easy", "random", "rest", "all"]
+
+RANDOM_SHARE = 0.1
+"""Share of the commands that are in the random split."""
 
 
 def commands_of(corpus: Corpus, splits: Sequence[str]) -> list[Command]:
@@ -27,10 +33,12 @@ def commands_of(corpus: Corpus, splits: Sequence[str]) -> list[Command]:
             known = ", ".join(get_args(Split))
             raise UnknownNameError(f"No split called {split!r}; available: {known}.")
     unique = hard_numbers(corpus.commands) if {"hard", "easy"} & set(splits) else set()
+    drawn = random_numbers(corpus.commands) if {"random", "rest"} & set(splits) else set()
 
     def names(command: Command) -> set[str]:
         hard = "hard" if command.id in unique else "easy"
-        return {"all", hard, part_of(command.scene.group)}
+        random = "random" if command.id in drawn else "rest"
+        return {"all", hard, random, part_of(command.scene.group)}
 
     return [command for command in corpus.commands if names(command) & set(splits)]
 
@@ -40,6 +48,13 @@ def hard_numbers(commands: Sequence[Command]) -> set[int]:
     forms = {command.id: _without_colors(command) for command in commands}
     counts = Counter(forms.values())
     return {number for number, form in forms.items() if counts[form] == 1}
+
+
+def random_numbers(commands: Sequence[Command], share: float = RANDOM_SHARE) -> set[int]:
+    """The numbers of a random share of the commands; always the same ones of a corpus."""
+    numbers = sorted(command.id for command in commands)
+    rng = generator(0, "splits", "random")
+    return set(rng.permutation(numbers)[: round(share * len(numbers))].tolist())
 
 
 def _without_colors(command: Command) -> tuple[str, ...]:
