@@ -169,6 +169,13 @@ def test_a_folder_with_few_records(small):
          r"configuration\.txt, line 3: expected a block"),
         ("configuration.txt", b"1\t6\n", r"configuration\.txt, line 1: expected 'group layout'"),
         ("configuration.txt", b"1\t1\n", r"configuration\.txt, line 1: expected the gripper"),
+        ("configuration.txt", b"9" * 5000 + b"\t1\n",
+         r"configuration\.txt, line 1: expected 'group"),
+        ("configuration.txt", b"1\t1\n6\t5\t4\tO\n\n1\t1\n6\t5\t4\tO\n",
+         r"configuration\.txt, line 4: layout '1\\t1' is there already"),
+        ("commands.txt", "²\t1\tlift\n".encode(), r"commands\.txt, line 1: expected 'id'"),
+        ("commands.txt", b"7\t1\tlift\n\n7\t1\tlift\n",
+         r"commands\.txt, line 3: command 7 is there already"),
     ],
 )  # fmt: skip
 def test_faults_are_named_with_file_and_line(small, name, content, message):
@@ -180,12 +187,26 @@ def test_faults_are_named_with_file_and_line(small, name, content, message):
         load_corpus("treebank", small)
 
 
+def test_groups_may_have_any_numbers_and_files_a_byte_order_mark(small):
+    """A folder of somebody else's: its size in memory follows its records, not their numbers."""
+    far = 1 + 8 * 99_999_998
+    (small / "commands.txt").write_text(f"2501\t{far}\tlift red cube\n", "utf-8-sig")
+    (small / "annotation.txt").write_text(f"2501\trcl\t{TREE}", "utf-8-sig")
+    layouts = (small / "configuration.txt").read_text().replace("1\t1\n", "99999999\t1\n")
+    layouts = layouts.replace("1\t2\n", "99999999\t2\n")
+    (small / "configuration.txt").write_text("\n\n" + layouts, "utf-8-sig")
+    corpus = load_corpus("treebank", small)
+    check_contract(corpus)
+    assert corpus.commands[0].scene.group == 99_999_999 and len(corpus.scenes) == 2
+
+
 def test_bad_records_are_left_out_only_when_asked(small, caplog):
     (small / "commands.txt").write_bytes(b"7\t1\tlift red cube\nnonsense\n8\t1\tlift\n")
     with pytest.raises(DataError, match="--skip-bad"):
         load_corpus("treebank", small)
     corpus = load_corpus("treebank", small, skip_bad=True)
     assert [command.id for command in corpus.commands] == [7]
+    assert corpus.left_out == {"unreadable": 1, "without a tree": 1}
     assert [record.getMessage().split(":")[0] for record in caplog.records] == [
         "commands.txt, line 2",
         "commands.txt, line 3",

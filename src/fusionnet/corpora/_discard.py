@@ -15,10 +15,10 @@ def discard(corpus: Corpus) -> Corpus:
     """The corpus without the commands that the thesis would not train on.
 
     Left out, and counted in `Corpus.left_out` by reason, are incomplete sentences
-    (fewer than two words) and those whose tree does not correspond to the scene:
-    that cannot be executed in it, or lead to another layout than the recorded one.
-    (Spam that is marked as such, and commands without layouts, are
-    left out by the readers already.)
+    (fewer than two words) and those whose tree does not correspond to the scene: that
+    cannot be executed in it, or lead to another layout than the recorded one. What is
+    marked as spam, and commands without a tree or layouts, the readers leave out and
+    count already.
 
     References:
         Thesis, section 4.2.2.

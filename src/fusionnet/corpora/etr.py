@@ -15,7 +15,7 @@ from pathlib import Path
 
 from fusionnet.blocks import Block, Cell, Color, Gripper, Layout, Scene, Shape
 from fusionnet.corpora._command import Command, Corpus
-from fusionnet.corpora._faults import Faults
+from fusionnet.corpora._faults import WITHOUT_LAYOUTS, WITHOUT_TREE, Faults
 from fusionnet.corpora._xml_files import Element, elements, read_named_files
 from fusionnet.errors import DataError, TreeError
 from fusionnet.rcl import Tree, parse
@@ -212,7 +212,7 @@ def _corpus(
     faults: Faults,
 ) -> Corpus:
     commands: list[Command] = []
-    left_out = {"marked as bad by a comment": 0, "without a tree": 0}
+    left_out = {"marked as bad by a comment": 0, WITHOUT_TREE: 0}
     for element in found:
         if element.name != "command":
             continue
@@ -223,13 +223,13 @@ def _corpus(
             if str(number) in marked:
                 left_out["marked as bad by a comment"] += 1
             elif number not in trees:
-                left_out["without a tree"] += 1
+                left_out[WITHOUT_TREE] += 1
             elif scene not in scenes:
-                raise _Bad(f"there is no scene {scene}")
+                reason = f"there is no scene {scene}"
+                faults.found("commands.xml", element.line, reason, WITHOUT_LAYOUTS)
             else:
                 commands.append(Command(number, sentence, trees[number], scenes[scene], "etr"))
         except _Bad as reason:
             faults.found("commands.xml", element.line, str(reason))
-    left_out["unreadable"] = faults.left_out
-    kept = {reason: count for reason, count in left_out.items() if count}
+    kept = {reason: count for reason, count in left_out.items() if count} | faults.left_out
     return Corpus("etr", tuple(commands), scenes, layouts, kept)

@@ -21,7 +21,7 @@ from pathlib import Path
 
 from fusionnet.blocks.grid import Block, Cell, Color, Gripper, Layout, Scene, Shape
 from fusionnet.corpora._command import Command, Corpus
-from fusionnet.corpora._faults import Faults
+from fusionnet.corpora._faults import WITHOUT_LAYOUTS, WITHOUT_TREE, Faults
 from fusionnet.errors import DataError, TreeError
 from fusionnet.rcl import Tree, parse
 
@@ -66,12 +66,11 @@ def read(data: Path | None, *, skip_bad: bool = False) -> Corpus:
         )
     folder = data / "treebank" if (data / "treebank").is_dir() else data
     faults = Faults(skip_bad)
-    layouts = dict(_layouts(folder / "configuration.txt", faults))
+    layouts = _layouts(folder / "configuration.txt", faults)
     scenes = _scenes(layouts)
-    trees = dict(_trees(folder / "annotation.txt", faults))
+    trees = _trees(folder / "annotation.txt", faults)
     commands = tuple(_commands(folder / "commands.txt", trees, scenes, faults))
-    left_out = {"unreadable": faults.left_out} if faults.left_out else {}
-    return Corpus("treebank", commands, scenes, layouts, left_out)
+    return Corpus("treebank", commands, scenes, layouts, dict(faults.left_out))
 
 
 CORPUS = read
@@ -82,7 +81,7 @@ def _lines(path: Path) -> Iterator[tuple[int, str]]:
     try:
         if path.stat().st_size > LARGEST_FILE:
             raise DataError(f"{path} has more than {LARGEST_FILE} bytes: it is not the treebank's.")
-        text = path.read_text("utf-8")
+        text = path.read_text("utf-8-sig")
     except FileNotFoundError:
         raise DataError(
             f"There is no {path.name} in {path.parent}; the treebank's folder holds "
@@ -94,27 +93,39 @@ def _lines(path: Path) -> Iterator[tuple[int, str]]:
         yield number, line.strip("\r\t ")
 
 
-def _layouts(path: Path, faults: Faults) -> Iterator[tuple[int, Layout]]:
+def _layouts(path: Path, faults: Faults) -> dict[int, Layout]:
     """Numbered layouts: layout n of group g has the number 5 (g - 1) + n."""
+    layouts: dict[int, Layout] = {}
     record: list[tuple[int, str]] = []
     for number, line in [*_lines(path), (-1, "")]:
         if line:
             record.append((number, line))
         elif record:
             try:
-                yield _layout(record)
+                layout_id, layout = _layout(record)
+                if layout_id in layouts:
+                    raise DataError(record[0][0], f"layout {record[0][1]!r} is there already")
+                layouts[layout_id] = layout
             except DataError as error:
                 faults.found(path.name, *error.args)
             record = []
+    return layouts
+
+
+def _number(text: str) -> int | None:
+    """A whole number from 1 to 999,999,999; None if the text is none."""
+    if not (text.isascii() and text.isdigit() and len(text) < 10):
+        return None
+    return int(text) or None
 
 
 def _layout(record: list[tuple[int, str]]) -> tuple[int, Layout]:
     """One layout from its lines."""
     number, line = record[0]
-    group, _, place = line.partition("\t")
-    if not (group.isdigit() and place.isdigit() and 1 <= int(place) <= LAYOUTS_PER_GROUP):
+    group, place = map(_number, line.partition("\t")[::2])
+    if group is None or place is None or place > LAYOUTS_PER_GROUP:
         raise DataError(number, f"expected 'group layout' (layout 1 to 5), found {line!r}")
-    layout_id = LAYOUTS_PER_GROUP * (int(group) - 1) + int(place)
+    layout_id = LAYOUTS_PER_GROUP * (group - 1) + place
     number, line = record[1] if len(record) > 1 else (number, "")
     match = _GRIPPER.fullmatch(line)
     if match is None:
@@ -151,47 +162,58 @@ def scene_layouts(scene: int) -> tuple[int, int, int]:
 
 def _scenes(layouts: dict[int, Layout]) -> dict[int, Scene]:
     """All scenes whose two layouts there are."""
-    groups = (max(layouts, default=0) + LAYOUTS_PER_GROUP - 1) // LAYOUTS_PER_GROUP
     scenes = {}
-    for number in range(1, groups * SCENES_PER_GROUP + 1):
-        group, before, after = scene_layouts(number)
-        if before in layouts and after in layouts:
-            scenes[number] = Scene(layouts[before], layouts[after], number, group)
+    for group in sorted({(layout - 1) // LAYOUTS_PER_GROUP for layout in layouts}):
+        for place in range(1, SCENES_PER_GROUP + 1):
+            number = SCENES_PER_GROUP * group + place
+            named, before, after = scene_layouts(number)
+            if before in layouts and after in layouts:
+                scenes[number] = Scene(layouts[before], layouts[after], number, named)
     return scenes
 
 
-def _trees(path: Path, faults: Faults) -> Iterator[tuple[int, Tree]]:
-    for number, line in _lines(path):
+def _trees(path: Path, faults: Faults) -> dict[int, Tree]:
+    trees: dict[int, Tree] = {}
+    for line_number, line in _lines(path):
         if not line:
             continue
-        parts = line.split("\t", 2)
-        if len(parts) != 3 or not parts[0].isdigit() or parts[1] != "rcl":
+        number, kind, text = (*line.split("\t", 2), "", "")[:3]
+        command = _number(number)
+        if command is None or kind != "rcl":
             found = f"expected 'id', 'rcl' and the tree with tabs between, found {line[:60]!r}"
-            faults.found(path.name, number, found)
-            continue
-        try:
-            yield int(parts[0]), parse(parts[2])
-        except TreeError as error:
-            faults.found(path.name, number, str(error))
+            faults.found(path.name, line_number, found)
+        elif command in trees:
+            faults.found(path.name, line_number, f"command {command} has a tree already")
+        else:
+            try:
+                trees[command] = parse(text)
+            except TreeError as error:
+                faults.found(path.name, line_number, str(error))
+    return trees
 
 
 def _commands(
     path: Path, trees: dict[int, Tree], scenes: dict[int, Scene], faults: Faults
 ) -> Iterator[Command]:
-    for number, line in _lines(path):
+    seen: set[int] = set()
+    for line_number, line in _lines(path):
         if not line:
             continue
-        parts = line.split("\t", 2)
-        if len(parts) != 3 or not (parts[0].isdigit() and parts[1].isdigit()):
+        number, place, sentence = (*line.split("\t", 2), "", "")[:3]
+        command, scene = _number(number), _number(place)
+        if command is None or scene is None:
             found = (
                 f"expected 'id', 'scene' and the sentence with tabs between, found {line[:60]!r}"
             )
-            faults.found(path.name, number, found)
-            continue
-        command, scene = int(parts[0]), int(parts[1])
-        if command not in trees:
-            faults.found(path.name, number, f"command {command} has no tree in annotation.txt")
+            faults.found(path.name, line_number, found)
+        elif command in seen:
+            faults.found(path.name, line_number, f"command {command} is there already")
+        elif command not in trees:
+            reason = f"command {command} has no tree in annotation.txt"
+            faults.found(path.name, line_number, reason, WITHOUT_TREE)
         elif scene not in scenes:
-            faults.found(path.name, number, f"scene {scene} has no layouts in configuration.txt")
+            reason = f"scene {scene} has no layouts in configuration.txt"
+            faults.found(path.name, line_number, reason, WITHOUT_LAYOUTS)
         else:
-            yield Command(command, parts[2], trees[command], scenes[scene], "treebank")
+            seen.add(command)
+            yield Command(command, sentence, trees[command], scenes[scene], "treebank")
