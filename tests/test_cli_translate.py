@@ -84,6 +84,18 @@ def test_standard_input_is_translated_line_by_line(capsys, monkeypatch) -> None:
     assert good["english"] == "Pick up the red cube." and "'xyzzy'" in bad["error"]
 
 
+def test_standard_input_may_hold_any_bytes_and_speak_of_a_scene(capsys, monkeypatch) -> None:
+    lines = b"put the red pyramid on the blue cube\n\xff\xfe\x00\ntake the green pyramid\n"
+    monkeypatch.setattr("sys.stdin", io.TextIOWrapper(io.BytesIO(lines)))
+    assert cli.main(["translate", "--json", "--scene", "1"]) == 1
+    captured = capsys.readouterr()
+    move, noise, refused = map(json.loads, captured.out.splitlines())
+    assert move["move"]["target"] == [4, 3, 1] and move["remark"] == ""
+    assert "There is no word" in noise["error"]
+    assert refused["refused"] == "There is no green pyramid here."
+    assert [line.split(":")[0] for line in captured.err.splitlines()] == ["line 2", "line 3"]
+
+
 @pytest.mark.parametrize(
     ("words", "reason"),
     [

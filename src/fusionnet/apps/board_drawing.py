@@ -55,6 +55,29 @@ def board_svg(
     )
 
 
+def boards_svg(before: Layout, after: Layout, move: Move | None) -> str:
+    """The layouts before and after a move, side by side, as an SVG file that stands alone."""
+    levels = max(highest_level(before, move), highest_level(after, move)) + 1
+    drawn = [
+        board_svg(before, move=move, levels=levels, title="before"),
+        board_svg(after, levels=levels, title="after"),
+    ]
+    width, height = 460, 150 + 36 * levels
+    placed = [
+        svg.replace("<svg ", f'<svg x="{i * width}" width="{width}" height="{height}" ', 1)
+        for i, svg in enumerate(drawn)
+    ]
+    style = (
+        ".tile0{fill:#e9ebf0}.tile1{fill:#d5d9e1}.ghost{stroke:#c2571a;stroke-width:1.6;"
+        "stroke-dasharray:4 3}.arrow{fill:none;stroke:#c2571a;stroke-width:3}"
+        ".arrowhead{fill:#c2571a;stroke:#ffffff}"
+    )
+    return (
+        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {2 * width} {height}" '
+        f'color="#1d2430"><style>{style}</style>{"".join(placed)}</svg>\n'
+    )
+
+
 def highest_level(layout: Layout, move: Move | None = None) -> int:
     """The highest level that a block, or the end of a move, is on."""
     ends = [] if move is None else [move.source.z, move.target.z]

@@ -54,6 +54,12 @@ COMMANDS = {
     "evaluate detector": Entry(
         "blocks found through the robot's eyes", "fusionnet.apps.evaluate:detector"
     ),
+    "corpus show": Entry("one command, drawn", "fusionnet.apps.corpus_show:show"),
+    "corpus stats": Entry("what is in a corpus, in tables", "fusionnet.apps.corpus:stats"),
+    "corpus export": Entry(
+        "as JSON lines, or in the treebank's form", "fusionnet.apps.corpus:export"
+    ),
+    "corpus vectors": Entry("vectors of a corpus's words", "fusionnet.apps.corpus:vectors"),
     "train detector": Entry(
         "pictures to blocks", "fusionnet.apps.train:detector", "DETECTOR_PRESETS"
     ),

@@ -3,6 +3,7 @@
 Without a sentence it translates standard input, one sentence a line.
 """
 
+import io
 import json
 import sys
 from collections.abc import Iterable, Iterator
@@ -14,12 +15,12 @@ from typing import Annotated, Any, Literal
 import tyro
 from rich.console import Console
 from rich.text import Text
-from rich.tree import Tree as Branch
 
 from fusionnet import rcl
 from fusionnet.apps.cli import EXIT_MISSED, EXIT_REACHED
 from fusionnet.apps.setting import setting_of
-from fusionnet.apps.tree_drawing import Part, draw_tree, parts_of
+from fusionnet.apps.tree_drawing import draw_tree
+from fusionnet.apps.tree_text import tree_text
 from fusionnet.blocks import Layout
 from fusionnet.errors import InputError, NotUnderstoodError, OutputError, PlanningError
 from fusionnet.evaluation.translation import SHIPPED
@@ -28,7 +29,7 @@ from fusionnet.models.reading import Reading
 from fusionnet.models.translator import Translator
 from fusionnet.sentences import tokenize
 
-LINES_AT_ONCE = 64
+LINES_AT_ONCE = 512
 """Lines of standard input that are translated together."""
 
 
@@ -79,12 +80,12 @@ def translate(config: TranslateConfig) -> int:
 
     Without a sentence it translates standard input, one sentence a line: the trees'
     text goes to standard output (an empty line where a sentence was not understood),
-    the reasons to standard error.
+    the reasons to standard error. With a scene, the reading that fits it is taken.
     """
     layout = _layout(config)
     translator = Translator.from_folder(config.checkpoint or SHIPPED)
     if config.sentence is None:
-        return _translate_lines(config, translator)
+        return _translate_lines(config, translator, layout)
     holding = {"yes": True, "no": False, "unknown": None}[config.holding]
     if layout is not None:
         holding = layout.held is not None
@@ -129,24 +130,38 @@ def _chosen(
         return None, str(error)
 
 
-def _translate_lines(config: TranslateConfig, translator: Translator) -> int:
-    """Translate standard input; the status is 1 if a line was not understood."""
+def _translate_lines(config: TranslateConfig, translator: Translator, layout: Layout | None) -> int:
+    """Translate standard input; the status is 1 if a line was not understood or cannot be done."""
     holding = {"yes": True, "no": False, "unknown": None}[config.holding]
+    if layout is not None:
+        holding = layout.held is not None
     status, number = EXIT_REACHED, 0
-    for lines in _chunks(line.rstrip("\r\n") for line in sys.stdin):
-        found = translator.translate_many(lines, holding=holding, beam=config.beam)
+    count = 1 if layout is None else 5
+    for lines in _chunks(line.rstrip("\r\n") for line in _any_bytes(sys.stdin)):
+        found = translator.translate_many(lines, holding=holding, beam=config.beam, count=count)
         for line, readings in zip(lines, found, strict=True):
             number += 1
             if isinstance(readings, NotUnderstoodError):
-                status = EXIT_MISSED
-                print(f"line {number}: {readings}", file=sys.stderr)
-                print(json.dumps({"sentence": line, "error": str(readings)}) if config.json else "")
-            elif config.json:
-                print(json.dumps({"sentence": line, **_reading(readings[0])}))
+                document, reason = {"sentence": line, "error": str(readings)}, str(readings)
+                tree = ""
             else:
-                print(rcl.format(readings[0].tree))
+                chosen, refused = _chosen(readings, layout)
+                best = readings[0] if chosen is None else chosen.reading
+                document = _as_json(line, (), best, chosen, refused)
+                reason, tree = refused or "", rcl.format(best.tree)
+            if reason:
+                status = EXIT_MISSED
+                print(f"line {number}: {reason}", file=sys.stderr)
+            print(json.dumps(document) if config.json else tree)
         sys.stdout.flush()
     return status
+
+
+def _any_bytes(stream: Iterable[str]) -> Iterable[str]:
+    """The stream, with a replacement for what is no UTF-8."""
+    if isinstance(stream, io.TextIOWrapper):
+        stream.reconfigure(encoding="utf-8", errors="replace")
+    return stream
 
 
 def _chunks(lines: Iterable[str]) -> Iterator[list[str]]:
@@ -183,8 +198,9 @@ def _as_json(
         "sentence": sentence,
         "tokens": [token.text for token in tokenize(sentence)],
         **_reading(best),
-        "readings": [_reading(reading) for reading in readings],
     }
+    if readings:
+        document["readings"] = [_reading(reading) for reading in readings]
     if chosen is not None:
         document["move"] = {
             "source": list(chosen.move.source),
@@ -208,8 +224,7 @@ def _show(
     console = Console(highlight=False)
     console.print(Text(rcl.describe(best.tree), style="bold"), soft_wrap=True)
     console.print()
-    words = [token.text for token in tokenize(sentence)]
-    console.print(_branch(parts_of(best.tree), words), soft_wrap=True)
+    console.print(tree_text(best.tree, sentence), soft_wrap=True)
     console.print()
     console.print(Text(rcl.format(best.tree), style="dim"), soft_wrap=True)
     console.print()
@@ -223,17 +238,3 @@ def _show(
         console.print(Text(f"\nIt would move the block at {source} to {target}. {chosen.remark}"))
     if reason is not None:
         console.print(Text(f"\nIt cannot be done in this scene: {reason}", style="red"))
-
-
-def _branch(part: Part, words: list[str], branch: Branch | None = None) -> Branch:
-    """A tree as rich draws it, with the words that each leaf was read from."""
-    label = Text(part.name, style="cyan")
-    if part.value:
-        label = Text(f"{part.name} ", style="dim")
-        label.append(part.value, style="bold")
-        said = " ".join(words[t - 1] for t in part.tokens if t <= len(words))
-        label.append(f'  "{said}"' if said else "  (no word)", style="green" if said else "dim")
-    below = Branch(label) if branch is None else branch.add(label)
-    for child in part.parts:
-        _branch(child, words, below)
-    return below

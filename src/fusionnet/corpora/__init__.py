@@ -9,6 +9,7 @@ from pathlib import Path
 from fusionnet.catalogue import Catalogue
 from fusionnet.corpora._command import Command, Corpus, Part, part_of
 from fusionnet.corpora._discard import discard
+from fusionnet.corpora._export import command_as_json, json_lines, treebank_files
 
 CATALOGUE = Catalogue("fusionnet.corpora", kind="corpus", attribute="CORPUS")
 
@@ -30,4 +31,15 @@ def load_corpus(name: str, data: Path | str | None = None, *, skip_bad: bool = F
     return corpus
 
 
-__all__ = ["CATALOGUE", "Command", "Corpus", "Part", "discard", "load_corpus", "part_of"]
+__all__ = [
+    "CATALOGUE",
+    "Command",
+    "Corpus",
+    "Part",
+    "command_as_json",
+    "discard",
+    "json_lines",
+    "load_corpus",
+    "part_of",
+    "treebank_files",
+]

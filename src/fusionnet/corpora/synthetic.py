@@ -6,7 +6,7 @@ into words. Scene n belongs to group (n - 1) mod 125 + 1, so that the parts of t
 corpus are of the usual sizes.
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from itertools import count
 from pathlib import Path
 from random import Random
@@ -27,15 +27,27 @@ CORPUS_SIZE = 2_000
 
 
 def read(
-    data: Path | None = None, *, skip_bad: bool = False, seed: int = 0, size: int | None = None
+    data: Path | None = None,
+    *,
+    skip_bad: bool = False,
+    seed: int = 0,
+    size: int | None = None,
+    progress: Callable[[int, int], None] | None = None,
 ) -> Corpus:
-    """The first `size` commands of a seed; `data` and `skip_bad` change nothing."""
+    """The first `size` commands of a seed; `data` and `skip_bad` change nothing.
+
+    `progress` is called now and then with the commands made and those wanted.
+    """
     size = CORPUS_SIZE if size is None else size
-    made = tuple(command(seed, number) for number in range(1, size + 1))
+    made = []
+    for number in range(1, size + 1):
+        made.append(command(seed, number))
+        if progress is not None and number % 100 == 0:
+            progress(number, size)
     scenes = {c.scene.id: c.scene for c in made if c.scene.id is not None}
     both = [layout for scene in scenes.values() for layout in (scene.before, scene.after)]
     layouts = {layout.id: layout for layout in both if layout.id is not None}
-    return Corpus("synthetic", made, scenes, layouts)
+    return Corpus("synthetic", tuple(made), scenes, layouts)
 
 
 CORPUS = read

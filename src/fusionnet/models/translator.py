@@ -44,6 +44,9 @@ from fusionnet.sentences import Vocabulary, Words, readable_words, unjoined
 
 KIND = "translator"
 
+SENTENCES_AT_ONCE = 32
+"""How many sentences are read together, where there are many."""
+
 
 class Translator:
     """Sentences to trees with a trained network.
@@ -133,24 +136,29 @@ class Translator:
         beam: int = 10,
         count: int = 1,
     ) -> list[tuple[Reading, ...] | NotUnderstoodError]:
-        """The readings of many sentences, or why one has none; together they take less time."""
-        found: list[tuple[Reading, ...] | NotUnderstoodError] = []
-        readable: list[tuple[int, Words]] = []
-        for place, sentence in enumerate(sentences):
-            found.append(())
+        """The readings of many sentences, or why one has none; together they take less time.
+
+        Sentences of like length are read together, and what is said twice is read once.
+        """
+        found: dict[str, tuple[Reading, ...] | NotUnderstoodError] = {}
+        readable: list[tuple[str, Words]] = []
+        for sentence in dict.fromkeys(sentences):
             try:
-                readable.append((place, readable_words(sentence)))
+                readable.append((sentence, readable_words(sentence)))
             except NotUnderstoodError as error:
-                found[place] = error
-        words = [w for _, w in readable]
-        read = self.read(words, [holding] * len(words), beam=beam, count=count) if words else []
-        for (place, said), readings in zip(readable, read, strict=True):
-            try:
-                refuse_what_is_no_command(sentences[place], said, readings, self.vocabulary)
-                found[place] = readings
-            except NotUnderstoodError as error:
-                found[place] = error
-        return found
+                found[sentence] = error
+        readable.sort(key=lambda pair: len(pair[1]))
+        for start in range(0, len(readable), SENTENCES_AT_ONCE):
+            part = readable[start : start + SENTENCES_AT_ONCE]
+            states = [holding] * len(part)
+            read = self.read([words for _, words in part], states, beam=beam, count=count)
+            for (sentence, words), readings in zip(part, read, strict=True):
+                try:
+                    refuse_what_is_no_command(sentence, words, readings, self.vocabulary)
+                    found[sentence] = readings
+                except NotUnderstoodError as error:
+                    found[sentence] = error
+        return [found[sentence] for sentence in sentences]
 
     def _translate(
         self, sentence: str, holding: bool | None, beam: int, count: int
