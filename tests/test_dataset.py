@@ -13,10 +13,12 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from pycocotools import mask as coco_mask
 
+from dataset_fixtures import SIZE, digests, small_plan, small_sources
 from fusionnet.blocks import Block, Cell, Color, Layout, Move, Scene, Shape, apply, layout_from_json
 from fusionnet.corpora import load_corpus, part_of
 from fusionnet.dataset import shards
-from fusionnet.dataset.build import build, plan_for
+from fusionnet.dataset.build import build
+from fusionnet.dataset.check import check
 from fusionnet.dataset.folder import read_checksums
 from fusionnet.dataset.frame import PictureFrame
 from fusionnet.dataset.framing import decode, grid_frame, labels_of, whole_frame
@@ -28,26 +30,22 @@ from fusionnet.dataset.recipes import Recipe, Recipes, held_out_layouts
 from fusionnet.dataset.sample import encode_jpeg, make_sample
 from fusionnet.dataset.schema import COLUMNS
 from fusionnet.dataset.shots import Eyes
-from fusionnet.dataset.sources import Sources
 from fusionnet.errors import DataError, InputError, OutputError, UnknownNameError
 from fusionnet.geometry import rotation_from_vector, transform
 from fusionnet.randomness import generator
 from fusionnet.rcl import format as format_tree
 from fusionnet.rcl import parse
 from fusionnet.simulation import Appearance, SceneRenderer
-from tiny_treebank import write_tiny_treebank
-
-SMALL = (320, 180)
 
 
 @pytest.fixture(scope="module")
 def sources(tmp_path_factory):
-    return Sources(data=write_tiny_treebank(tmp_path_factory.mktemp("corpus")))
+    return small_sources(tmp_path_factory.mktemp("sources"))
 
 
 @pytest.fixture(scope="module")
 def plan(sources):
-    return plan_for("12", "treebank", sources, size=SMALL, shard=5, varied=0.5)
+    return small_plan(sources)
 
 
 @pytest.fixture(scope="module")
@@ -55,15 +53,6 @@ def built(tmp_path_factory, plan, sources):
     folder = tmp_path_factory.mktemp("data") / "set"
     build(folder, plan, sources)
     return folder
-
-
-def digests(folder):
-    """Name and checksum of every file of a data set."""
-    return {
-        str(file.relative_to(folder)): hashlib.sha256(file.read_bytes()).hexdigest()
-        for file in sorted(folder.rglob("*"))
-        if file.is_file()
-    }
 
 
 @pytest.mark.filterwarnings("ignore:__array__ implementation:DeprecationWarning")  # pycocotools
@@ -222,6 +211,7 @@ def test_a_shard_cut_short_is_named_and_made_again_alone(tmp_path, built, plan, 
     file.write_bytes(file.read_bytes()[:-200])
     with pytest.raises(DataError, match=r"train-00001-of-00003.parquet is damaged"):
         StoredSamples(folder, "train")[7]
+    assert [fault.file for fault in check(folder)] == ["data/train-00001-of-00003.parquet"]
     assert [record.file for record in build(folder, plan, sources)] == [
         "data/train-00001-of-00003.parquet"
     ]
@@ -246,7 +236,7 @@ def test_an_older_schema_is_named(tmp_path, built):
 
 
 def test_another_plan_or_other_files_are_not_overwritten(tmp_path, built, sources):
-    other = plan_for("12", "treebank", sources, size=SMALL, shard=5, varied=0.5, seed=1)
+    other = small_plan(sources, seed=1)
     with pytest.raises(InputError, match="another plan: seed is 0 there and 1 here"):
         build(built, other, sources)
     (tmp_path / "letter.txt").write_text("dear")
@@ -254,8 +244,8 @@ def test_another_plan_or_other_files_are_not_overwritten(tmp_path, built, source
         build(tmp_path, other, sources)
     with pytest.raises(InputError, match="At least one worker"):
         build(tmp_path / "new", other, sources, workers=0)
-    with pytest.raises(UnknownNameError, match="no split 'val'; it has train, sim_val, sim"):
-        StoredSamples(built, "val")
+    with pytest.raises(UnknownNameError, match="no split 'valid'; it has train, val, test"):
+        StoredSamples(built, "valid")
 
 
 def test_hugging_face_loads_it_as_it_is(built, tmp_path):
@@ -264,11 +254,13 @@ def test_hugging_face_loads_it_as_it_is(built, tmp_path):
     loaded = datasets.load_dataset(str(built), cache_dir=str(tmp_path))
     assert {split: len(rows) for split, rows in loaded.items()} == {
         "train": 12,
+        "val": 1,
+        "test": 1,
         "sim_val": 1,
         "sim": 1,
     }
     sample = loaded["train"][0]
-    assert sample["image"].size == SMALL
+    assert sample["image"].size == SIZE
     names = loaded["train"].features["classes"].feature.names
     assert names[0] == "cube_blue" and len(names) == 16
     assert StoredSamples(built, "train")[0]["boxes"] == sample["boxes"]

@@ -73,6 +73,9 @@ COMMANDS = {
         "pictures, sentences, trees and joint angles", "fusionnet.apps.dataset:build"
     ),
     "dataset info": Entry("say what a data set holds", "fusionnet.apps.dataset:info"),
+    "dataset check": Entry("look for damage in a data set", "fusionnet.apps.dataset:check"),
+    "dataset show": Entry("draw some samples on one sheet", "fusionnet.apps.dataset:show"),
+    "dataset export": Entry("a data set as COCO or LeRobot", "fusionnet.apps.dataset:export"),
     "robot table": Entry("make a robot's table of joint angles", "fusionnet.apps.robot:table"),
 }
 

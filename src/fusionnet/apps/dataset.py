@@ -1,19 +1,33 @@
 """`fusionnet dataset ...`: build a data set, and look into one."""
 
+import io
 import os
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import tyro
+from PIL import Image
 
 from fusionnet.apps.progress import bars
 from fusionnet.dataset.build import build as build_dataset
 from fusionnet.dataset.build import plan_for
+from fusionnet.dataset.check import MOST_FAULTS
+from fusionnet.dataset.check import check as check_dataset
+from fusionnet.dataset.contact_sheet import contact_sheet
+from fusionnet.dataset.export_coco import export_coco
+from fusionnet.dataset.export_lerobot import export_lerobot
 from fusionnet.dataset.folder import read_checksums, read_plan
+from fusionnet.dataset.plan import BuildPlan
+from fusionnet.dataset.reader import StoredSamples
 from fusionnet.dataset.sources import Sources
+from fusionnet.errors import InputError
+from fusionnet.files import write_whole
+from fusionnet.randomness import generator
 
 Folder = tyro.conf.Positional[Path]
+
+_PLANNED = {f.name for f in fields(BuildPlan)} - {"corpus", "views"}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -26,14 +40,24 @@ class BuildConfig:
     """Corpus of scenes and sentences."""
     data: Path | None = None
     """Folder of the corpus's files."""
+    views: str | None = None
+    """Environmental views: their folder, or a shipped name; without, only the robot's eyes see."""
     scale: str = "small"
     """smoke, small, thesis, or a number of training samples."""
     robot: str = "nico"
     """Robot whose joints are stored and whose eyes look."""
+    eyes: tuple[str, ...] = ("left_eye",)
+    """Cameras of the robot that look, by turns."""
+    eyes_share: float = 0.25
+    """Share of the training samples through the robot's eyes, if there are views."""
     varied: float = 0.0
     """Share of the training samples whose layout is varied or invented."""
     invented: float = 0.3
     """Share of those whose layout is invented."""
+    noised: float = 0.75
+    """Share of the training samples in views with level-one noise."""
+    strength: float = 0.15
+    """Of that noise's displacements, 0 to 1; at 1, as in the thesis, blocks leave their cells."""
     seed: int = 0
     """Source of all randomness."""
     size: tuple[int, int] = (960, 540)
@@ -56,14 +80,55 @@ class InfoConfig:
     """Folder of the data set."""
 
 
+@dataclass(frozen=True, kw_only=True)
+class CheckConfig:
+    """Which data set, and how closely."""
+
+    folder: Folder
+    """Folder of the data set."""
+    checksums_only: bool = False
+    """Leave the samples' labels out."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ShowConfig:
+    """Which samples of which data set."""
+
+    folder: Folder
+    """Folder of the data set."""
+    split: str = "train"
+    """Which split."""
+    samples: int = 12
+    """How many, drawn by chance."""
+    seed: int = 0
+    """Of the draw."""
+    out: Path = Path("contact-sheet.png")
+    """The picture (PNG) that is written."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ExportConfig:
+    """Which data set, in which form, where to."""
+
+    form: tyro.conf.Positional[Literal["coco", "lerobot"]]
+    """COCO: pictures, boxes and masks. LeRobot: episodes executed in the simulator."""
+    folder: Folder
+    """Folder of the data set."""
+    out: Folder
+    """A new folder."""
+    splits: tuple[str, ...] = ()
+    """Which splits; for COCO all by default, for LeRobot one, train by default."""
+    episodes: int = 20
+    """How many samples are executed for LeRobot."""
+
+
 def build(config: BuildConfig) -> dict[str, Any]:
     """Build a data set of pictures, sentences, trees and joint angles, or go on building one.
 
     Prints what is there as JSON.
     """
-    sources = Sources(data=config.data)
-    names = ("robot", "varied", "invented", "seed", "size", "quality", "shard")
-    options = {name: getattr(config, name) for name in names}
+    sources = Sources(data=config.data, views=config.views)
+    options = {f.name: getattr(config, f.name) for f in fields(config) if f.name in _PLANNED}
     plan = plan_for(config.scale, config.corpus, sources, **options)
     with bars() as bar:
         made = build_dataset(
@@ -88,3 +153,49 @@ def info(config: InfoConfig) -> dict[str, Any]:
         "megabytes": round(sum(record.bytes for record in records.values()) / 1e6, 1),
         "plan": plan.as_json(),
     }
+
+
+def check(config: CheckConfig) -> int:
+    """Look through a data set for damage: checksums, schema, and labels that contradict.
+
+    Prints each fault on a line; the exit status is 2 if there are any.
+    """
+    with bars() as bar:
+        faults = check_dataset(
+            config.folder, labels=not config.checksums_only, progress=bar("samples")
+        )
+    for fault in faults:
+        print(fault)
+    end = " (and perhaps more)" if len(faults) >= MOST_FAULTS else ""
+    print(f"{len(faults)} faults{end}" if faults else "no faults")
+    return 2 if faults else 0
+
+
+def show(config: ShowConfig) -> None:
+    """Draw some samples with their boxes and sentences on one contact sheet."""
+    if config.samples < 1 or config.samples > 400:
+        raise InputError(f"A sheet has 1 to 400 samples; received {config.samples}.")
+    samples = StoredSamples(config.folder, config.split)
+    rng = generator(config.seed, "contact sheet", config.split)
+    drawn = sorted(rng.permutation(len(samples))[: config.samples].tolist())
+    sheet = contact_sheet([samples[index] for index in drawn])
+    picture = io.BytesIO()
+    Image.fromarray(sheet).save(picture, "PNG")
+    write_whole(config.out, picture.getvalue())
+    print(config.out)
+
+
+def export(config: ExportConfig) -> dict[str, Any]:
+    """Write a data set in another form: COCO, or LeRobot episodes."""
+    with bars() as bar:
+        if config.form == "coco":
+            splits = config.splits or None
+            export_coco(config.folder, config.out, splits, progress=bar("samples"))
+            return {"coco": str(config.out)}
+        if len(config.splits) > 1:
+            raise InputError("LeRobot episodes are exported from one split at a time.")
+        split = config.splits[0] if config.splits else "train"
+        counted = export_lerobot(
+            config.folder, config.out, split, config.episodes, progress=bar("episodes")
+        )
+        return {"lerobot": str(config.out), **counted}

@@ -6,8 +6,10 @@ with the shards that are missing.
 """
 
 import logging
+import socket
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -19,11 +21,18 @@ from fusionnet.dataset.folder import building, finish, read_records, write_recor
 from fusionnet.dataset.plan import BuildPlan, counts_for
 from fusionnet.dataset.sample import make_sample
 from fusionnet.dataset.shards import ShardRecord, record_of, write_shard
-from fusionnet.dataset.sources import Sources, corpus_digest, studio
+from fusionnet.dataset.sources import Sources, corpus_digest, studio, views_digest
 from fusionnet.errors import DataError, InputError, OutputError
 
 Progress = Callable[[int, int], None]
 """Called with samples done and samples in all."""
+
+_GENERATOR = "generator_unordered"
+_PATIENCE = 10.0
+"""Seconds in which a cluster must answer."""
+
+_AT_ONCE = 8
+"""Shards that each worker of a cluster is given before the next are handed out."""
 
 
 def plan_for(scale: str, corpus: str, sources: Sources, **options: Any) -> BuildPlan:
@@ -36,12 +45,25 @@ def plan_for(scale: str, corpus: str, sources: Sources, **options: Any) -> Build
         options: Further fields of `BuildPlan`.
 
     Raises:
-        InputError: If the scale is unknown or an option is out of range.
+        InputError: If the scale is unknown, an option is out of range, or there are no views
+            for training or for validation.
         DataError: If the corpus or the views are missing or damaged.
     """
-    digest = corpus_digest(load_corpus(corpus, sources.data))
-    counts = tuple(counts_for(scale, views=sources.views is not None).items())
-    return BuildPlan(counts=counts, corpus=corpus, corpus_digest=digest, **options)
+    views = sources.environmental_views()
+    names = tuple(tuple(v.name for v in views if v.part == part) for part in ("train", "val"))
+    if views and not all(names):
+        raise InputError(
+            f"The views {sources.views} have {len(names[0])} for training and {len(names[1])} for "
+            "validation; at least one of each is needed."
+        )
+    return BuildPlan(
+        counts=tuple(counts_for(scale, views=bool(views)).items()),
+        corpus=corpus,
+        corpus_digest=corpus_digest(load_corpus(corpus, sources.data)),
+        views=(names[0], names[1]),
+        views_digest=views_digest(views),
+        **options,
+    )
 
 
 def build(
@@ -80,7 +102,7 @@ def build(
         made = []
         with _workers(workers, cluster):
             tasks = (delayed(make_shard)(out, plan, sources, *shard) for shard in missing)
-            for record in _results(tasks):
+            for record in _results(tasks, local=cluster is None):
                 records[record.file] = record
                 made.append(record)
                 done += record.rows
@@ -141,9 +163,12 @@ def _workers(workers: int, cluster: str | None) -> Iterator[None]:
         ) from error
     started = not ray.is_initialized()
     try:
+        if cluster != "auto":  # Ray itself waits for minutes
+            host, _, port = cluster.removeprefix("ray://").rpartition(":")
+            socket.create_connection((host, int(port)), timeout=_PATIENCE).close()
         if started:
             ray.init(address=cluster, logging_level=logging.WARNING, log_to_driver=False)
-    except (ConnectionError, ValueError, RuntimeError) as error:
+    except (OSError, ValueError, RuntimeError) as error:
         reason = str(error).strip().splitlines()[0]
         raise InputError(f"No Ray cluster answers at {cluster!r}: {reason}") from error
     register_ray()
@@ -155,11 +180,15 @@ def _workers(workers: int, cluster: str | None) -> Iterator[None]:
             ray.shutdown()
 
 
-def _results(tasks: Iterator[Any]) -> Iterator[ShardRecord]:
+def _results(tasks: Iterator[Any], local: bool) -> Iterator[ShardRecord]:
     """Records as they come; what kills a worker becomes one clear line."""
-    parallel = Parallel(return_as="generator_unordered", pre_dispatch="2*n_jobs", batch_size=1)
     try:
-        yield from parallel(tasks)
+        with Parallel(batch_size=1, return_as=_GENERATOR if local else "list") as parallel:
+            if local:
+                yield from parallel(tasks)
+            else:  # Ray's backend gives lists only: some at a time, so that memory stays flat
+                while chunk := list(islice(tasks, _AT_ONCE * parallel.n_jobs)):
+                    yield from parallel(chunk)
     except (BrokenPipeError, EOFError) as error:
         raise _killed(error) from error
     except Exception as error:

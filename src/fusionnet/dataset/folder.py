@@ -9,7 +9,6 @@
 
 import fcntl
 import json
-import os
 import shutil
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -20,6 +19,7 @@ from fusionnet.dataset.plan import BuildPlan
 from fusionnet.dataset.schema import SCHEMA_VERSION, check_version_number
 from fusionnet.dataset.shards import ShardRecord
 from fusionnet.errors import DataError, InputError, OutputError
+from fusionnet.files import write_whole
 
 CARD_FILE, PLAN_FILE, CHECKSUM_FILE = "README.md", "plan.json", "checksums.json"
 _RECORDS, _LOCK = ".records", ".building"
@@ -121,16 +121,6 @@ def finish(folder: Path, records: Mapping[str, ShardRecord], text: str) -> None:
         write_whole(folder / CARD_FILE, text)
         write_whole(folder / CHECKSUM_FILE, json.dumps(listed, indent=1) + "\n")
         shutil.rmtree(folder / _RECORDS, ignore_errors=True)
-
-
-def write_whole(file: Path, text: str) -> None:
-    """Write a text aside and give it its name."""
-    aside = file.with_name(f".{file.name}.{os.getpid()}.part")
-    try:
-        aside.write_text(text, encoding="utf-8")
-        os.replace(aside, file)
-    finally:
-        aside.unlink(missing_ok=True)
 
 
 def _check_same(folder: Path, plan: BuildPlan) -> None:
