@@ -1,5 +1,6 @@
 """The translator: symbols, augmentation, network, decoding, refusals, grounding, evaluation."""
 
+import contextlib
 import dataclasses
 import json
 import math
@@ -14,7 +15,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from fusionnet.blocks import Block, Cell, Gripper, Layout, Scene, Shape
-from fusionnet.corpora import Command, Corpus, load_corpus
+from fusionnet.corpora import Command, Corpus, load_corpus, synthetic, treebank_files
 from fusionnet.errors import (
     CheckpointError,
     DataError,
@@ -68,7 +69,7 @@ from fusionnet.training.sentence_pieces import (
     taken,
     whole,
 )
-from fusionnet.training.splits import commands_of
+from fusionnet.training.splits import commands_of, random_numbers
 from fusionnet.training.translator import (
     TranslatorConfig,
     batches,
@@ -482,6 +483,33 @@ def test_train_then_evaluate_from_a_folder(tmp_path):
         assert measured["cross_entropy"] > 0 and measured["sentences_per_second"] > 0
 
 
+def test_any_folder_in_the_treebank_s_form_is_measured_with_or_without_noise(tmp_path):
+    """Other commands over the same groups, numbered from 2501 on, with all their layouts."""
+    corpus = synthetic.read(size=12)
+    commands = tuple(dataclasses.replace(c, id=c.id + 2500) for c in corpus.commands)
+    for name, text in treebank_files(dataclasses.replace(corpus, commands=commands)).items():
+        (tmp_path / name).write_text(text)
+    clean = evaluate(TranslationEvaluation(data=tmp_path, split="all", failures=12))
+    names = (
+        "n exact exact_with_planner exact_ignoring_ids exact_with_alignments layout_reached "
+        "word_accuracy cross_entropy sentences_per_second"
+    )
+    assert set(names.split()) <= set(clean)
+    assert clean["n"] == 12 and clean["exact"] > 0.8 and "left_out" not in clean
+    assert all(2500 < failure["id"] for failure in clean["failures"])
+    with (tmp_path / "commands.txt").open("a") as file:
+        file.write("nonsense\n")
+    with pytest.raises(DataError, match=r"commands\.txt, line 13"):
+        evaluate(TranslationEvaluation(data=tmp_path, split="all"))
+    noisy = evaluate(
+        TranslationEvaluation(data=tmp_path, split="all", skip_bad=True, perturbations=8)
+    )
+    assert noisy["left_out"] == {"unreadable": 1} and noisy["n"] == 12
+    assert noisy["cross_entropy"] > clean["cross_entropy"]
+    with pytest.raises(InputError, match="1 to 8 perturbations"):
+        evaluate(TranslationEvaluation(corpus="examples", split="all", perturbations=9))
+
+
 def test_a_corpus_without_the_wanted_commands_is_refused(tmp_path):
     data = write_treebank(tmp_path / "data")
     with pytest.raises(DataError, match="no commands"):
@@ -490,6 +518,15 @@ def test_a_corpus_without_the_wanted_commands_is_refused(tmp_path):
         evaluate(TranslationEvaluation(data=data, split="val"))
     with pytest.raises(UnknownNameError, match="available: train"):
         commands_of(load_corpus("treebank", data), ["tset"])
+
+
+def test_the_random_split_is_always_the_same_tenth(treebank):
+    drawn, rest = (commands_of(treebank, [split]) for split in ("random", "rest"))
+    assert len(drawn) == 250 and len(rest) == 2250
+    assert not {c.id for c in drawn} & {c.id for c in rest}
+    assert random_numbers(treebank.commands[::-1]) == {c.id for c in drawn}
+    groups = {c.scene.group for c in drawn}
+    assert len(groups) > 60  # whatever their group
 
 
 def test_hard_commands_have_a_tree_of_their_own(treebank):
@@ -644,7 +681,7 @@ ANYTHING = st.one_of(
 @settings(max_examples=100, deadline=None)
 @given(ANYTHING, st.sampled_from([None, True, False]))
 def test_no_sentence_ends_in_a_traceback(shipped, sentence, holding):
-    began = time.perf_counter()
+    began = time.process_time()
     try:
         readings = shipped.translate(sentence, holding=holding, beam=4, count=2)
     except NotUnderstoodError as error:
@@ -654,14 +691,25 @@ def test_no_sentence_ends_in_a_traceback(shipped, sentence, holding):
             assert parse(format(reading.tree)) == reading.tree
             last = len(words_of(sentence).positions)
             assert reading.attention.shape[1] == last
-    assert time.perf_counter() - began < 5
+    assert time.process_time() - began < 2
 
 
-def test_a_long_sentence_is_read_in_time(shipped):
-    began = time.perf_counter()
-    with pytest.raises(NotUnderstoodError):
-        shipped.translate("and " * 200)
-    assert time.perf_counter() - began < 10
+@pytest.mark.parametrize(
+    "sentence",
+    [
+        "and " * 200,
+        "take the red cube and put it on the blue cube " * 18,
+        " ".join(f"pyramidcubetower{i:03d}"[:18] for i in range(200)),
+        " ".join(f"redcubebluecube{chr(97 + i % 26)}" for i in range(200)),
+        "x" * 4000,
+    ],
+    ids=["and", "good", "unknown", "joined", "one word"],
+)
+def test_the_longest_sentences_take_less_than_two_seconds(shipped, sentence):
+    began = time.process_time()
+    with contextlib.suppress(NotUnderstoodError):
+        shipped.translate(sentence)
+    assert time.process_time() - began < 2
 
 
 def test_features_have_one_vector_a_word(shipped):

@@ -19,9 +19,10 @@ from fusionnet.errors import InputError, PlanningError
 from fusionnet.models.grounded_reading import grounded
 from fusionnet.models.reading import Reading
 from fusionnet.models.translator import Translator
+from fusionnet.randomness import generator
 from fusionnet.rcl import Entity, Event, SpatialRelation, Tree, format
 from fusionnet.rcl import Sequence as EventSequence
-from fusionnet.sentences import words_of
+from fusionnet.sentences import perturb, words_of
 from fusionnet.training.splits import Split, commands_of
 
 SHIPPED = Path(__file__).resolve().parent.parent / "weights" / "compact" / "translator"
@@ -38,6 +39,7 @@ class TranslationEvaluation:
         checkpoint: Folder of the translator; by default the shipped one.
         beam: Width of the search.
         skip_bad: Leave unreadable records out instead of refusing the whole corpus.
+        perturbations: How many of the eight perturbations each sentence suffers, 0 to 8.
         failures: How many misread sentences to list in the result.
     """
 
@@ -47,6 +49,7 @@ class TranslationEvaluation:
     checkpoint: Path | None = None
     beam: int = 10
     skip_bad: bool = False
+    perturbations: int = 0
     failures: int = 0
 
 
@@ -66,18 +69,31 @@ def evaluate(config: TranslationEvaluation) -> dict[str, Any]:
         cross_entropy: Mean over all symbols, in nats, given the right ones before each.
         sentences_per_second: Read one after the other, with the beam.
         failures: Sentences, right trees and trees read, if asked for.
+        left_out: Commands that the reader left out, by the reason, if there are any.
     """
     corpus = load_corpus(config.corpus, config.data, skip_bad=config.skip_bad)
     commands = commands_of(corpus, [config.split])
     if not commands:
         raise InputError(f"The corpus {config.corpus!r} has no commands in split {config.split!r}.")
+    if config.perturbations:
+        commands = [perturbed(command, config.perturbations) for command in commands]
     translator = Translator.from_folder(config.checkpoint or SHIPPED)
     measured = measure(translator, commands, beam=config.beam)
     if not config.failures:
         measured.pop("failures")
     else:
         measured["failures"] = measured["failures"][: config.failures]
-    return {"corpus": config.corpus, "split": config.split, **measured}
+    if corpus.left_out:
+        measured["left_out"] = dict(corpus.left_out)
+    said = {"corpus": config.corpus, "split": config.split}
+    return said | {"perturbations": config.perturbations} | measured
+
+
+def perturbed(command: Command, count: int) -> Command:
+    """The command with a perturbed sentence, always the same, and its tree's words moved."""
+    rng = generator(0, "evaluation", "perturbed", command.id)
+    done = perturb(command.sentence, rng, count=count)
+    return dataclasses.replace(command, sentence=done.sentence, tree=done.realigned(command.tree))
 
 
 def measure(
