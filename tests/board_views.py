@@ -16,7 +16,7 @@ def board_views(
     renderer = SceneRenderer("nico", size)
     views = []
     for number in range(train + val):
-        turn = 0.02 * np.array([1.0, -1.0, 2.0]) * number
+        turn = 0.04 * np.array([1.0, -1.0, 2.0]) * number / (train + val)
         look = replace(Appearance(), view_scale=1.3, camera_rotation=turn)
         seen = renderer.view(Layout(()), appearance=look, labels=False)
         views.append(

@@ -22,7 +22,7 @@ from fusionnet.dataset.check import check
 from fusionnet.dataset.folder import read_checksums
 from fusionnet.dataset.frame import PictureFrame
 from fusionnet.dataset.framing import decode, grid_frame, labels_of, whole_frame
-from fusionnet.dataset.masks import decode_mask, encode_masks
+from fusionnet.dataset.masks import decode_mask, encode_masks, mask_extent
 from fusionnet.dataset.pictures import EMPTY, EYE_FRAME, label
 from fusionnet.dataset.plan import BuildPlan, counts_for
 from fusionnet.dataset.reader import StoredPictures, StoredSamples
@@ -61,6 +61,11 @@ def test_masks_come_back_and_coco_reads_them_alike(block_at):
     for block, lengths in enumerate(encode_masks(block_at, range(4))):
         mask = decode_mask(lengths, (9, 7))
         np.testing.assert_array_equal(mask, block_at == block)
+        rows, columns = np.nonzero(mask)
+        edges = [0, 0, 0, 0]
+        if len(rows):
+            edges = [columns.min(), rows.min(), columns.max() + 1, rows.max() + 1]
+        assert mask_extent(lengths, (9, 7)) == (edges, len(rows))
         packed = coco_mask.frPyObjects({"size": [7, 9], "counts": lengths}, 7, 9)
         np.testing.assert_array_equal(coco_mask.decode(packed), mask)
 

@@ -19,7 +19,7 @@ from fusionnet import robots
 from fusionnet.blocks import CLASS_NAMES, Cell, Layout, Move, apply, layout_from_json
 from fusionnet.corpora import part_of
 from fusionnet.dataset.folder import read_checksums, read_plan
-from fusionnet.dataset.masks import decode_mask
+from fusionnet.dataset.masks import mask_extent
 from fusionnet.dataset.plan import SPLITS, BuildPlan
 from fusionnet.dataset.recipes import VIEW
 from fusionnet.dataset.schema import schema
@@ -152,15 +152,11 @@ def _box_faults(sample: Mapping[str, Any], size: tuple[int, int]) -> Iterator[st
         return
     boxes = zip(sample["boxes"], sample["box_blocks"], sample["masks"], strict=True)
     for number, (box, block, lengths) in enumerate(boxes):
-        rows, columns_ = np.nonzero(decode_mask(lengths, size))
-        if not len(rows):
-            yield f"Mask {number} is empty."
-            continue
-        edges = [columns_.min(), rows.min(), columns_.max() + 1, rows.max() + 1]
+        edges, pixels = mask_extent(lengths, size)
         if box != edges:
-            yield f"Box {number} is {box}; its mask's is {[int(e) for e in edges]}."
-        if len(rows) != sample["block_pixels"][block]:
-            yield f"Mask {number} has {len(rows)} pixels, not {sample['block_pixels'][block]}."
+            yield f"Box {number} is {box}; its mask's is {edges}."
+        if pixels == 0 or pixels != sample["block_pixels"][block]:
+            yield f"Mask {number} has {pixels} pixels, not {sample['block_pixels'][block]}."
         kind = sample["classes"][number]
         if not 0 <= kind < len(CLASS_NAMES) or kind != sample["block_classes"][block]:
             yield f"The class of box {number} is {kind}; its block's is another one."

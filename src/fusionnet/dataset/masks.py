@@ -38,6 +38,27 @@ def encode_masks(
     return encoded
 
 
+def mask_extent(
+    lengths: Sequence[int] | Int[np.ndarray, " n"], size: tuple[int, int]
+) -> tuple[list[int], int]:
+    """The box around a mask (left, top, right, bottom edge) and its pixels, without decoding it.
+
+    Raises:
+        DataError: If the lengths do not cover the picture.
+    """
+    height = size[1]
+    ends = np.cumsum(_checked(lengths, size))
+    first, last = ends[:-1:2], ends[1::2] - 1  # of each run inside, first and last pixel
+    first, last = first[last >= first], last[last >= first]
+    if not len(first):
+        return [0, 0, 0, 0], 0
+    around = first // height != last // height  # from the foot of a column to the next one's head
+    top = 0 if around.any() else int((first % height).min())
+    bottom = height if around.any() else int((last % height).max()) + 1
+    box = [int(first[0] // height), top, int(last[-1] // height) + 1, bottom]
+    return box, int((last - first + 1).sum())
+
+
 def decode_mask(
     lengths: Sequence[int] | Int[np.ndarray, " n"], size: tuple[int, int]
 ) -> Bool[np.ndarray, "h w"]:
@@ -50,12 +71,18 @@ def decode_mask(
     Raises:
         DataError: If they do not cover the picture.
     """
-    width, height = size
+    runs = _checked(lengths, size)
+    inside = np.arange(len(runs)) % 2 == 1
+    return np.repeat(inside, runs).reshape(size).T
+
+
+def _checked(
+    lengths: Sequence[int] | Int[np.ndarray, " n"], size: tuple[int, int]
+) -> Int[np.ndarray, " n"]:
     runs = np.asarray(lengths, dtype=np.int64)
-    if (runs < 0).any() or runs.sum() != width * height:
+    if (runs < 0).any() or runs.sum() != size[0] * size[1]:
         raise DataError(
             f"The run lengths of a mask cover {runs.sum()} pixels; its picture has "
-            f"{width} x {height}."
+            f"{size[0]} x {size[1]}."
         )
-    inside = np.arange(len(runs)) % 2 == 1
-    return np.repeat(inside, runs).reshape(width, height).T
+    return runs
