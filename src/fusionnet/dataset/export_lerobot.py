@@ -106,7 +106,7 @@ def export_lerobot(
             first += length
             if progress is not None:
                 progress(index + 1, number)
-        _write_meta(aside, robot, samples.plan.size, tasks, rows, whole, first)
+        _write_meta(aside, robot, tasks, rows, whole, first)
     return {"episodes": number, "frames": first, "succeeded": succeeded}
 
 
@@ -236,7 +236,6 @@ def _features(robot: Robot, size: tuple[int, int]) -> dict[str, Any]:
 def _write_meta(
     aside: Path,
     robot: Robot,
-    size: tuple[int, int],
     tasks: Mapping[str, int],
     rows: Sequence[Mapping[str, Any]],
     whole: Mapping[str, list[np.ndarray]],
