@@ -289,3 +289,15 @@ def test_a_renderer_that_is_dropped_spoils_no_other(size=(160, 90)):
     after = second.view(layout)
     np.testing.assert_array_equal(after.image, before.image)
     np.testing.assert_array_equal(after.visible, before.visible)
+
+
+def test_pytorch_can_be_imported_after_a_picture():
+    # Triton and Mesa both bring LLVM; in the wrong order the process ends without a word.
+    lines = (
+        "from fusionnet.simulation import SceneRenderer",
+        "from fusionnet.blocks import Layout",
+        "SceneRenderer('nico', size=(64, 36)).view(Layout(()))",
+        "import torchvision",
+    )
+    done = subprocess.run([sys.executable, "-c", "\n".join(lines)], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr[-500:]

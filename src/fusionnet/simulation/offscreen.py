@@ -6,10 +6,13 @@ on one core, where MuJoCo's defaults (a 4096 pixel shadow map, four samples a pi
 cost four times as much as ours.
 """
 
-import importlib
+import ctypes
+import importlib.util
 import os
 import platform
 from contextlib import suppress
+from functools import cache
+from pathlib import Path
 from typing import Any
 
 import mujoco
@@ -46,6 +49,7 @@ def _open_context(width: int, height: int) -> Any:
     name = backend()
     if name == "disabled":
         raise RenderingError("Rendering is switched off by MUJOCO_GL; unset it or set it to egl.")
+    _load_triton()
     try:
         context = importlib.import_module(f"mujoco.{name}").GLContext(width, height)
         context.make_current()
@@ -55,6 +59,21 @@ def _open_context(width: int, height: int) -> Any:
             f"No picture can be rendered: the OpenGL backend {name!r} failed ({reason}). {REMEDY}"
         ) from error
     return context
+
+
+@cache
+def _load_triton() -> None:
+    """Load the library of PyTorch's compiler, where there is one, before the first picture.
+
+    Mesa's software renderer and Triton both bring LLVM. Triton bears to be loaded first, but
+    loading it after a picture ends the process: `import torchvision` would then be a crash.
+    """
+    found = importlib.util.find_spec("triton")
+    for folder in (found.submodule_search_locations or ()) if found is not None else ():
+        library = Path(folder) / "_C" / "libtriton.so"
+        if library.is_file():
+            with suppress(OSError):
+                ctypes.CDLL(str(library))
 
 
 class Offscreen:
