@@ -1,12 +1,13 @@
 """How fast the simulator is, against named rivals, and whether it repeats and leaks.
 
-    python benchmarks/simulator.py --only episodes kinematics images memory processes
+    python benchmarks/simulator.py --only episodes kinematics images memory
 
 Each part prints one JSON line. A speed is given as a ratio to a rival that is measured in turns
 with it in the same run, so that a busy machine slows both.
 """
 
 import copy
+import hashlib
 import json
 import multiprocessing
 import os
@@ -42,15 +43,15 @@ class Config:
 
     Attributes:
         only: Parts.
-        episodes: How many episodes for speed; for memory and for determinism.
-        leak: Episodes over which memory is watched.
+        episodes: How many episodes for speed.
+        leak: Episodes over which memory is watched, and which must repeat.
         solves: Inverse kinematics.
         images: Pictures of each renderer.
         seed: Everything random derives from it.
         robot: Who acts.
     """
 
-    only: tuple[str, ...] = ("episodes", "kinematics", "images", "memory", "processes")
+    only: tuple[str, ...] = ("episodes", "kinematics", "images", "memory")
     episodes: int = 50
     leak: int = 1000
     solves: int = 300
@@ -67,19 +68,19 @@ def jobs(config: Config, count: int) -> list[tuple[str, Layout, Move]]:
     return [known[i % len(known)] for i in range(count)]
 
 
-def episode(job: tuple[str, Layout, Move]) -> tuple[float, float, list[float]]:
-    """Processor seconds, simulated seconds, and where every block ended, for one episode."""
+def episode(job: tuple[str, Layout, Move]) -> tuple[float, float]:
+    """Processor seconds and simulated seconds of one episode."""
     robot, layout, move = job
     begin = time.process_time()
     world = make_world(robot, layout=layout)
     done = world.execute(joint_targets(robot, move))
     used = time.process_time() - begin
-    return used, done.seconds, [*world.block_poses.positions.ravel(), *world.joint_angles]
+    return used, done.seconds
 
 
 def episodes(config: Config) -> dict[str, Any]:
     """Episodes a second of one core, without pictures."""
-    used, simulated, _ = zip(*map(episode, jobs(config, config.episodes)), strict=True)
+    used, simulated = zip(*map(episode, jobs(config, config.episodes)), strict=True)
     return {
         "episodes": config.episodes,
         "episodes_per_core_second": round(len(used) / sum(used), 2),
@@ -194,33 +195,45 @@ def images(config: Config) -> dict[str, Any]:
     }
 
 
-def memory(config: Config) -> dict[str, Any]:
-    """Resident memory while episodes follow each other in one process."""
+def watched(work: list[tuple[str, Layout, Move]]) -> tuple[list[float], list[str]]:
+    """Resident MiB of this process after each tenth of the episodes; a hash of each's states."""
     page = resource.getpagesize()
-    seen = []
-    for index, job in enumerate(jobs(config, config.leak)):
-        episode(job)
-        if (index + 1) % max(1, config.leak // 10) == 0:
+    resident, hashes = [], []
+    for index, (robot, layout, move) in enumerate(work):
+        done = make_world(robot, layout=layout).execute(joint_targets(robot, move), record=True)
+        states = done.recording
+        assert states is not None
+        arrays = (states.postures, states.positions, states.rotations)
+        hashes.append(hashlib.sha256(b"".join(a.tobytes() for a in arrays)).hexdigest())
+        if (index + 1) % max(1, len(work) // 10) == 0:
             pages = int(Path("/proc/self/statm").read_text().split()[1])
-            seen.append(round(pages * page / 2**20, 1))
+            resident.append(round(pages * page / 2**20, 1))
+    return resident, hashes
+
+
+def memory(config: Config) -> dict[str, Any]:
+    """Memory while episodes follow each other, in two processes at once and in one.
+
+    The states (25 a second: arm, fingers, blocks) of each episode must be the same in both.
+    """
+    work = jobs(config, config.leak)
+    with multiprocessing.get_context("spawn").Pool(2) as pool:
+        shared = pool.map(watched, [work[0::2], work[1::2]], chunksize=1)
+    resident, hashes = watched(work)
+    growth = [round(seen[-1] / seen[0] - 1.0, 4) for seen, _ in (*shared, (resident, hashes))]
     return {
         "episodes": config.leak,
-        "resident_mib": seen,
-        "growth_after_the_first_tenth": round(seen[-1] / seen[0] - 1.0, 4),
+        "resident_mib": {
+            "two_processes": [seen for seen, _ in shared],
+            "one_process": resident,
+        },
+        "growth_after_the_first_tenth": {"two_processes": growth[:2], "one_process": growth[2]},
+        "identical_trajectories": hashes[0::2] == shared[0][1] and hashes[1::2] == shared[1][1],
     }
 
 
-def processes(config: Config) -> dict[str, Any]:
-    """Whether two processes end bit for bit where one does."""
-    work = jobs(config, config.episodes)
-    alone = [episode(job)[2] for job in work]
-    with multiprocessing.get_context("spawn").Pool(2) as pool:
-        shared = [done[2] for done in pool.map(episode, work, chunksize=3)]
-    return {"episodes": len(work), "identical": alone == shared}
-
-
 def main(config: Config) -> None:
-    parts = {f.__name__: f for f in (episodes, kinematics, images, memory, processes)}
+    parts = {f.__name__: f for f in (episodes, kinematics, images, memory)}
     commit = subprocess.run(
         ["git", "rev-parse", "--short", "HEAD"], capture_output=True, text=True, check=False
     )

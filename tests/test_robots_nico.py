@@ -1,5 +1,7 @@
 """NICO's body: what its parts touch, how its hand holds a block, where its head looks."""
 
+import itertools
+
 import mujoco
 import numpy as np
 
@@ -23,6 +25,31 @@ def test_a_hand_pushed_into_the_table_or_the_chest_does_touch():
     across = np.radians([20.0, -80.0, -100.0, -100.0, 60.0, 0.0])
     scene.take(across)
     assert frozenset({"torso", "left_palm"}) in scene.touching()
+
+
+def test_the_hand_cannot_reach_its_own_arm():
+    """So its contacts with the upper arm and the forearm need not be simulated."""
+    scene = AtTheTable(ROBOT)
+    model, data = scene.model, scene.data
+    owner = [model.body(body).name for body in model.geom_bodyid]
+    solid = [geom for geom in range(model.ngeom) if model.geom_contype[geom]]
+    arm = [geom for geom in solid if owner[geom] in ("left_upper_arm", "left_lower_arm")]
+    hand = [
+        geom
+        for geom in solid
+        if owner[geom].startswith(("left_palm", "left_thumb", "left_index", "left_ring"))
+    ]
+    assert (len(arm), len(hand)) == (4, 12)
+    elbow, turn, bend = ROBOT.joint_limits[3:]
+    nearest = np.inf
+    for angles in itertools.product(
+        np.linspace(*elbow, 7), np.linspace(*turn, 5), np.linspace(*bend, 3)
+    ):
+        for closed in (0.0, 1.0):
+            scene.take(np.array([0.0, 0.0, 0.0, *angles]), closed)
+            gaps = [mujoco.mj_geomDistance(model, data, a, h, 0.3, None) for a in arm for h in hand]
+            nearest = min(nearest, *gaps)
+    assert nearest > 0.04  # metres; 0.05 on a finer grid
 
 
 def test_collision_bits_are_declared_ones():

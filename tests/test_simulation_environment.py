@@ -2,8 +2,10 @@
 
 import os
 import signal
+from contextlib import nullcontext
 
 import gymnasium
+import mujoco
 import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
@@ -12,9 +14,10 @@ from fusionnet import register_environments
 from fusionnet.blocks import plan
 from fusionnet.errors import InputError, RenderingError
 from fusionnet.robots import ArmKinematics
-from fusionnet.simulation import joint_targets, servo_environment, world
+from fusionnet.simulation import joint_targets, servo_environment, viewer, world
 from fusionnet.simulation.environment import PickPlace
 from fusionnet.simulation.motion import PathPlanner
+from fusionnet.simulation.offscreen import Offscreen
 from fusionnet.simulation.renderer import shared_renderer
 from fusionnet.simulation.servo_environment import PickPlaceServo
 
@@ -117,6 +120,44 @@ def test_human_mode_shows_the_motion_in_a_window(monkeypatch):
     assert events.count("shown") > 50 and events.count("closed") == 2
     with pytest.raises(InputError, match="No render mode 'sculpture'"):
         PickPlace(render_mode="sculpture")
+
+
+def test_the_window_shows_the_world_in_good_light(monkeypatch):
+    class Window:
+        cam = mujoco.MjvCamera()
+
+        def __init__(self, model, data):
+            self.model, self.data = model, data
+            self.user_scn = mujoco.MjvScene(model, 200)
+
+        def lock(self):
+            return nullcontext()
+
+        def is_running(self):
+            return True
+
+        def sync(self):
+            pass
+
+    windows = []
+    monkeypatch.setattr(
+        viewer, "_open_window", lambda *world: windows.append(Window(*world)) or windows[0]
+    )
+    world.make_world(seed=1).watch()
+    (window,) = windows
+    drawn = Offscreen(window.model, (128, 72))
+    everything = mujoco.mjtCatBit.mjCAT_ALL.value
+    mujoco.mjv_updateScene(
+        window.model, window.data, mujoco.MjvOption(), None, window.cam, everything, drawn.scene
+    )
+    for shape in window.user_scn.geoms[: window.user_scn.ngeom]:
+        copy = drawn.scene.geoms[drawn.scene.ngeom]
+        mujoco.mjv_initGeom(copy, shape.type, shape.size, shape.pos, shape.mat.ravel(), shape.rgba)
+        drawn.scene.ngeom += 1
+    picture = drawn.picture()
+    drawn.close()
+    assert 80 < picture.mean() < 160  # it was 49 with MuJoCo's own lamp
+    assert (picture.max(axis=2) > 180).mean() > 0.02  # NICO is white
 
 
 class TestServo:

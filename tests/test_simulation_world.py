@@ -13,7 +13,7 @@ from fusionnet.blocks import Block, Cell, Color, Gripper, Layout, Move, Shape, a
 from fusionnet.errors import InputError
 from fusionnet.randomness import generator
 from fusionnet.robots import ArmKinematics
-from fusionnet.simulation import joint_targets, make_world, physics
+from fusionnet.simulation import execution, joint_targets, make_world, physics
 from fusionnet.simulation.motion import PathPlanner
 
 NICO = robots.load("nico")
@@ -168,6 +168,20 @@ def test_a_block_held_off_centre_is_put_down_off_centre():
     episode = world.execute(targets(near(Cell(3, 3, 0), 0.0, 0.008, 0.0)), expected=expected)
     assert episode.success
     assert episode.errors[0] == pytest.approx(8.0, abs=1.0)
+
+
+@pytest.mark.parametrize(("offset", "feels"), [(0.003, True), (-0.004, True), (0.003, False)])
+def test_a_block_that_comes_down_on_an_edge_finds_its_gap(offset, feels, monkeypatch):
+    if not feels:
+        monkeypatch.setattr(execution, "FEELS", 0)
+    gap, move = Cell(3, 4, 0), Move(Cell(6, 6, 0), Cell(3, 4, 0))
+    blocks = ("cube_blue", 3, 3, 0), ("cube_blue", 3, 5, 0), ("cube_red", 6, 6, 0)
+    world = make_world(layout=Layout(tuple(block(*b) for b in blocks)))
+    expected = apply(move, world.layout)
+    episode = world.execute(targets(FAR, near(gap, 0.0, offset, 0.0)), expected=expected)
+    assert episode.success is feels, episode.reason
+    assert ("place" in episode.stopped) is not feels
+    assert episode.displacement < 2.0
 
 
 def test_a_descent_beside_the_middle_of_a_tower_topples_it():

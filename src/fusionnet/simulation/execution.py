@@ -16,11 +16,21 @@ from fusionnet.simulation.tabletop import BLOCK_HALF
 
 Result = TypeVar("Result")
 
-APPROACH = 0.025
-"""Last part of a way down that is driven slowly, in metres."""
+APPROACH = 0.035
+"""Last part of a way down that is driven slowly, in metres: more than the height of a block, so
+that a block that misses its gap comes down on its neighbour slowly."""
 
 AIR = 0.012
 """Between what the hand carries and the highest block on its way, in metres."""
+
+FEELS = 8
+"""So often a block that came down on an edge is lifted and set down a little beside it."""
+
+FEEL_STEP = 0.0015
+"""So far each time, in metres; blocks stand 1 mm apart."""
+
+FEEL_LIFT = 0.004
+"""So high it is lifted for that, in metres."""
 
 LEAST_LIFT = 0.02
 """Even with nothing in the way the hand comes to a pose from this far above, in metres."""
@@ -63,16 +73,50 @@ class Execution:
 
     def descend(self, goal: Float[np.ndarray, " n"]) -> None:
         """Go above a pose and straight down to it, slowly at the end; stop on contact."""
+        if not self._down(goal):
+            self.stopped.append(self._phase)
+
+    def set_down(self, goal: Float[np.ndarray, " n"]) -> None:
+        """Descend with a block; where it comes down on an edge, feel for the gap beside it.
+
+        A block on an edge is pushed up on one side, and the hand gives way to the other. A
+        block that finds no gap stays where it stopped. What stops the hand less than half a
+        block above its goal is no edge, but what the block is to stand on.
+        """
+        arrived = self._down(goal)
+        target = self.planner.pinch(goal)
+        step = np.zeros(2)
+        for _ in range(FEELS):
+            here = self.planner.pinch(self.hand.posture)
+            lean = self.hand.lean()
+            if arrived or here[2] < target[2] + BLOCK_SIZE / 2 or not np.any(lean):
+                break
+            away = -lean / np.linalg.norm(lean)
+            # Back where it came from: the gap is between the last two places.
+            length = 0.5 * np.linalg.norm(step) if away @ step < 0.0 else FEEL_STEP
+            step = length * away
+            target[:2] += step
+            lifted, _ = self.planner.reach(here + [0.0, 0.0, FEEL_LIFT], self.hand.posture)
+            above = np.array([target[0], target[1], here[2] + FEEL_LIFT])
+            beside, _ = self.planner.reach(above, lifted)
+            below, _ = self.planner.reach(target, beside)
+            self._drive(np.array([self.hand.posture, lifted, beside]))
+            arrived = self._drive(
+                np.array([self.hand.posture, below]), careful=True, approach=APPROACH
+            )
+        if not arrived:
+            self.stopped.append(self._phase)
+
+    def _down(self, goal: Float[np.ndarray, " n"]) -> bool:
         here, there = self.planner.pinch(self.hand.posture), self.planner.pinch(goal)
         if np.linalg.norm(here[:2] - there[:2]) < 0.03 and here[2] - there[2] < 0.02:
-            self._drive(np.array([self.hand.posture, goal]), careful=True)
-            return
+            return self._drive(np.array([self.hand.posture, goal]), careful=True)
         height = max(self._clear_height(self.hand.posture, goal), here[2])
         above = self.planner.upwards(goal, height)[::-1]
         if np.linalg.norm(here[:2] - there[:2]) > 0.01:
             self._drive(self.planner.across(self.hand.posture, above[0]))
         above[0] = self.hand.posture
-        self._drive(above, careful=True, approach=APPROACH)
+        return self._drive(above, careful=True, approach=APPROACH)
 
     def lift(self, goal: Float[np.ndarray, " n"]) -> None:
         """Straight up until nothing is in the way to a pose."""
@@ -137,12 +181,12 @@ class Execution:
 
     def _drive(
         self, postures: Float[np.ndarray, "k n"], *, careful: bool = False, approach: float = 0.0
-    ) -> None:
+    ) -> bool:
         motion = self.planner.motion(np.asarray(postures), TIME_STEP, approach)
-        if not self.hand.follow(motion, careful=careful):
-            self.stopped.append(self._phase)
-        elif careful:
+        arrived = self.hand.follow(motion, careful=careful)
+        if arrived and careful:
             self.hand.wait(0.06)
+        return arrived
 
     def _clear_height(self, start: Float[np.ndarray, " n"], goal: Float[np.ndarray, " n"]) -> float:
         """Height of the pinch at which a held block passes over all blocks on the way."""

@@ -132,6 +132,20 @@ class Hand:
             force = max(force, float(np.linalg.norm(self.data.efc_force[:3])))
         return force
 
+    def lean(self) -> Float[np.ndarray, "2"]:
+        """Towards which side the held block is pushed up, and by how much, in radians.
+
+        Along x and y of the robot. A hand feels it: it is the turn against which the hand keeps
+        the block upright. Zero without a block.
+        """
+        if self.held is None:
+            return np.zeros(2)
+        first = self.physics.block_positions[self.held] + 3
+        turn, world_turn = np.empty(3), np.empty(3)
+        mujoco.mju_subQuat(turn, self.data.qpos[first : first + 4], self._held_orientation)
+        mujoco.mju_rotVecQuat(world_turn, turn, self._held_orientation)
+        return np.array([-world_turn[1], world_turn[0]])
+
     def close(self, seconds: float = 0.25) -> float | None:
         """Close the hand; it holds the block whose grasp point is within the gate, if there is one.
 

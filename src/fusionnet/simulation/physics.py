@@ -51,6 +51,9 @@ UPRIGHT_STIFFNESS = 5e-2
 UPRIGHT_DAMPING = 3.5e-4
 """Of the torque that keeps a held block's orientation, in N m / rad and N m s / rad."""
 
+HIDDEN_GROUP = 4
+"""Of what is there for contacts only; viewers draw what is to be looked at (`scenery`)."""
+
 _WORLD = int(CollisionBit.WORLD)
 _BLOCK = int(CollisionBit.BLOCK)
 _PROBE = int(CollisionBit.PROBE)
@@ -125,7 +128,7 @@ def build_physics(robot: Robot, layout: Layout) -> Physics:
     probe = spec.site("pinch").parent.add_geom(
         name="probe", type=mujoco.mjtGeom.mjGEOM_SPHERE, size=[PROBE_RADIUS, 0, 0]
     )
-    probe.pos, probe.mass, probe.group = spec.site("pinch").pos, 0.0, 4
+    probe.pos, probe.mass, probe.group = spec.site("pinch").pos, 0.0, HIDDEN_GROUP
     probe.contype, probe.conaffinity = _PROBE, _BLOCK | _WORLD
     probe.friction, probe.priority = [0.05, 0.005, 0.0001], 1  # smooth: it slides off edges
     _add_table(spec, robot)
@@ -173,10 +176,12 @@ def _add_table(spec: mujoco.MjSpec, robot: Robot) -> None:
         pos=[(x0 + x1) / 2, (y0 + y1) / 2, top.height - TABLE_THICKNESS / 2],
     )
     table.contype, table.conaffinity = _WORLD, _BLOCK | _PROBE
+    table.group = HIDDEN_GROUP
     floor = spec.worldbody.add_geom(
         name="floor", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[5, 5, 0.1], pos=[0, 0, 0]
     )
     floor.contype, floor.conaffinity = _WORLD, _BLOCK
+    floor.group = HIDDEN_GROUP
 
 
 def _add_block(
@@ -212,7 +217,7 @@ def _add_touch(spec: mujoco.MjSpec) -> None:
     """A sensor of how hard the hand pushes on something."""
     pinch = spec.site("pinch")
     skin = pinch.parent.add_site(name="skin", pos=pinch.pos, size=[PROBE_RADIUS * 1.5, 0, 0])
-    skin.group = 4
+    skin.group = HIDDEN_GROUP
     sensor = spec.add_sensor(name="touch", type=mujoco.mjtSensor.mjSENS_TOUCH)
     sensor.objtype, sensor.objname = mujoco.mjtObj.mjOBJ_SITE, "skin"
 

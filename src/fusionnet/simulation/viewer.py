@@ -34,6 +34,7 @@ class LiveViewer:
 
     def __init__(self, robot: Robot, model: mujoco.MjModel, data: mujoco.MjData) -> None:
         self._data = data
+        _light(model)
         before = set(threading.enumerate())
         self._window = _open_window(model, data)
         self._threads = [t for t in threading.enumerate() if t not in before]
@@ -68,6 +69,13 @@ class LiveViewer:
         self._window.close()
         for thread in self._threads:
             thread.join(timeout=5.0)
+
+
+def _light(model: mujoco.MjModel) -> None:
+    """Brighten the lamp at the window's camera: a world has no lights of its own."""
+    look = Appearance()
+    lamp = model.vis.headlight
+    lamp.ambient[:], lamp.diffuse[:], lamp.specular[:] = look.ambient, look.light, 0.1
 
 
 def _open_window(model: mujoco.MjModel, data: mujoco.MjData) -> Any:

@@ -186,7 +186,7 @@ class World:
         touched.add(grasped)
         run.phase("lift", lambda: run.lift(place))
         run.phase("move", lambda: run.cross(place))
-        run.phase("place", lambda: run.descend(place))
+        run.phase("place", lambda: run.set_down(place))
         if not place_closed:
             run.phase("release", hand.open)
             run.phase("retreat", run.retreat)
