@@ -76,6 +76,7 @@ COMMANDS = {
     "dataset check": Entry("look for damage in a data set", "fusionnet.apps.dataset:check"),
     "dataset show": Entry("draw some samples on one sheet", "fusionnet.apps.dataset:show"),
     "dataset export": Entry("a data set as COCO or LeRobot", "fusionnet.apps.dataset:export"),
+    "anchors": Entry("boxes that a detector should start from", "fusionnet.apps.anchors:anchors"),
     "robot table": Entry("make a robot's table of joint angles", "fusionnet.apps.robot:table"),
 }
 

@@ -67,10 +67,17 @@ def padded_to_aspect(
     A picture whose sides are within 2 % of that aspect is left as it is.
     """
     height, width = image.shape[:2]
-    wanted = size[0] / size[1]
-    if abs(width / height / wanted - 1) <= 0.02:
+    right, bottom = border((width, height), size)
+    if not right and not bottom:
         return image
-    right = max(round(height * wanted) - width, 0)
-    bottom = max(round(width / wanted) - height, 0)
     grey = (127, 127, 127)
     return cv2.copyMakeBorder(image, 0, bottom, 0, right, cv2.BORDER_CONSTANT, value=grey)
+
+
+def border(picture: tuple[int, int], size: tuple[int, int]) -> tuple[int, int]:
+    """Pixels that a picture's width and height lack for the aspect of `size`."""
+    width, height = picture
+    wanted = size[0] / size[1]
+    if abs(width / height / wanted - 1) <= 0.02:
+        return 0, 0
+    return max(round(height * wanted) - width, 0), max(round(width / wanted) - height, 0)

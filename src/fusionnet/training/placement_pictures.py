@@ -6,7 +6,9 @@ grid appears, which needs no label and is the same for training and validation. 
 noise (3.2.5) moves the cropped picture and its boxes.
 """
 
+from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -20,12 +22,11 @@ from fusionnet.dataset.pictures import LEAST_PIXELS
 from fusionnet.dataset.reader import StoredSamples
 from fusionnet.errors import DataError
 from fusionnet.models.heads.boxes import Boxes
-from fusionnet.models.sight import BoxBatch, padded_to_aspect
+from fusionnet.models.sight import BoxBatch, border, padded_to_aspect
 from fusionnet.views import LevelTwo, crop_around
 
-COLUMNS = (
+LABELS = (
     "id",
-    "image",
     "width",
     "height",
     "boxes",
@@ -34,6 +35,7 @@ COLUMNS = (
     "block_pixels",
     "camera",
 )
+"""What is read of a sample beside its picture."""
 
 LEAST_SHARE = 0.3
 """A box of which noise leaves a smaller share in the picture is dropped."""
@@ -47,14 +49,23 @@ class PlacementPictures:
         split: One of its splits.
         frame: Size and aspect of the network's input.
         crop: Whether pictures are cropped to the placement region.
+        columns: What is read of a sample.
 
     Raises:
         DataError: If the data set is not finished, damaged, has other classes, or no picture.
         UnknownNameError: If it has no such split.
     """
 
-    def __init__(self, folder: Path, split: str, frame: PictureFrame, *, crop: bool = True) -> None:
-        self.samples = StoredSamples(folder, split, COLUMNS)
+    def __init__(
+        self,
+        folder: Path,
+        split: str,
+        frame: PictureFrame,
+        *,
+        crop: bool = True,
+        columns: Sequence[str] = ("image", *LABELS),
+    ) -> None:
+        self.samples = StoredSamples(folder, split, columns)
         self.frame = frame
         self.crop = crop
         if not len(self):
@@ -68,14 +79,68 @@ class PlacementPictures:
         sample = self.samples[index]
         size = (int(sample["width"]), int(sample["height"]))
         image = decode(sample["image"]["bytes"], size, whole_frame(size, size))
-        left, top, right, bottom = placement_crop(sample, size) if self.crop else (0, 0, *size)
+        place = self._place(sample)
+        left, top, right, bottom = place.part
         part = padded_to_aspect(image[top:bottom, left:right], self.frame.eye_size)
-        scale = np.array(self.frame.input_size) / [part.shape[1], part.shape[0]]
-        how = cv2.INTER_AREA if scale[0] < 1 else cv2.INTER_LINEAR
+        how = cv2.INTER_AREA if place.scale[0] < 1 else cv2.INTER_LINEAR
         picture = cv2.resize(part, self.frame.input_size, interpolation=how)
-        boxes, classes = seen_boxes(sample, float(scale.prod()))
-        boxes = (boxes - [left, top, left, top]) * np.tile(scale, 2)
-        return picture, within(boxes, boxes, classes, self.frame.input_size)
+        return picture, place.boxes(sample, self.frame.input_size)
+
+    def boxes(self, index: int) -> Boxes:
+        """The boxes alone; nothing is decoded."""
+        sample = self.samples[index]
+        return self._place(sample).boxes(sample, self.frame.input_size)
+
+    def _place(self, sample: dict) -> "_Place":
+        size = (int(sample["width"]), int(sample["height"]))
+        part = placement_crop(sample, size) if self.crop else (0, 0, *size)
+        kept = (part[2] - part[0], part[3] - part[1])
+        padded = np.array(kept) + border(kept, self.frame.eye_size)
+        return _Place(part, np.array(self.frame.input_size) / padded)
+
+
+def box_sides(
+    folder: Path,
+    split: str,
+    frame: PictureFrame,
+    *,
+    crop: bool,
+    progress: Callable[[int, int], None] | None = None,
+) -> Float[np.ndarray, "n 2"]:
+    """Widths and heights of all boxes of a split, in pixels of the network's input.
+
+    Args:
+        folder: A finished data set.
+        split: One of its splits.
+        frame: Size and aspect of the network's input.
+        crop: Whether pictures are cropped to the placement region.
+        progress: Called with pictures done and pictures in all.
+
+    Raises:
+        DataError: If the data set is not finished, damaged, has other classes, or no picture.
+        UnknownNameError: If it has no such split.
+    """
+    pictures = PlacementPictures(folder, split, frame, crop=crop, columns=LABELS)
+    found = []
+    for index in range(len(pictures)):
+        xyxy = pictures.boxes(index).xyxy.double().numpy()
+        found.append(xyxy[:, 2:] - xyxy[:, :2])
+        if progress is not None:
+            progress(index + 1, len(pictures))
+    return np.concatenate(found)
+
+
+class _Place(NamedTuple):
+    """Which part of a stored picture is seen, in its pixels, and by how much it is scaled."""
+
+    part: tuple[int, int, int, int]
+    scale: Float[np.ndarray, "2"]
+
+    def boxes(self, sample: dict, size: tuple[int, int]) -> Boxes:
+        """The sample's boxes in pixels of the network's input of a size."""
+        boxes, classes = seen_boxes(sample, float(self.scale.prod()))
+        boxes = (boxes - np.tile(self.part[:2], 2)) * np.tile(self.scale, 2)
+        return within(boxes, boxes, classes, size)
 
 
 def placement_crop(sample: dict, size: tuple[int, int]) -> tuple[int, int, int, int]:
