@@ -1,3 +1,4 @@
+import dataclasses
 import json
 import os
 import signal
@@ -13,8 +14,18 @@ import pytest
 from fusionnet import experiments
 from fusionnet.apps.cli import main
 from fusionnet.errors import DataError, InputError, UnknownNameError
-from fusionnet.experiments import Plan, judge, read_records, reproduce, summaries
-from toy_experiment import toy
+from fusionnet.experiments import (
+    Outcome,
+    Plan,
+    Trial,
+    Variant,
+    judge,
+    read_records,
+    reproduce,
+    require,
+    summaries,
+)
+from toy_experiment import STEPS, toy
 
 TOY = Path(__file__).parent / "toy_experiment.py"
 
@@ -38,7 +49,7 @@ def test_every_variant_is_run_with_every_seed_once(tmp_path):
         (f"x{x}", s) for x in (1, 2, 3) for s in (0, 1)
     }
     assert max(made(tmp_path).values()) == 1
-    reproduce(toy(), plan(tmp_path, resume=False))
+    reproduce(toy(), plan(tmp_path, again=True))
     assert set(made(tmp_path).values()) == {2}
 
 
@@ -47,6 +58,8 @@ def test_a_record_says_where_it_comes_from(tmp_path):
     file = tmp_path / "results" / "toy" / "smoke" / "x1-seed0.json"
     stored = json.loads(file.read_text())
     assert stored["provenance"]["versions"]["torch"] and stored["provenance"]["cores"]
+    assert stored["command"] == "fusionnet reproduce toy --scale smoke"
+    assert stored["configuration"] == {"slope": 2.0}
     assert stored["curves"] == {"loss": [1.0, 0.5]} and stored["seconds"] >= 0
     file.write_text(file.read_text()[:100])
     with pytest.raises(DataError, match="x1-seed0.json is not a whole record"):
@@ -95,6 +108,69 @@ def test_an_unknown_experiment_lists_what_there_is(capsys):
         experiments.load("ablatoin")
     assert main(["reproduce", "ablatoin"]) == 2
     assert "available:" in capsys.readouterr().err
+
+
+def test_missing_data_or_weights_name_the_command(tmp_path, capsys, monkeypatch):
+    monkeypatch.delenv("FUSIONNET_DATA", raising=False)
+    monkeypatch.chdir(tmp_path)
+    assert main(["reproduce", "data_amount", "--scale", "small", "--seeds", "1"]) == 2
+    said = capsys.readouterr().err
+    assert "fusionnet reproduce data_amount --scale small --data DIR" in said
+    assert not list((tmp_path / "results").rglob("*.json"))
+    trial = Trial(experiment="toy", variant=Variant(name="x", values={}), seed=0, scale="small")
+    with pytest.raises(DataError, match="`fusionnet train detector` makes it"):
+        require(tmp_path / "detector", trial, "fusionnet train detector")
+    assert require(tmp_path, trial, "nothing") == tmp_path
+
+
+def test_all_goes_on_past_an_experiment_without_data(tmp_path, capsys, monkeypatch):
+    without = dataclasses.replace(toy(), name="without", run=needs_data)
+    there = {"toy": toy(), "without": without}
+    monkeypatch.setattr(experiments, "load", there.__getitem__)
+    monkeypatch.setattr(experiments, "names", lambda: ["without", "toy"])
+    monkeypatch.chdir(tmp_path)
+    assert main(["reproduce", "all", "--scale", "smoke", "--seeds", "1"]) == 2
+    said = capsys.readouterr()
+    assert "`make data` makes it" in said.out and "Not run" in said.err and "without." in said.err
+    assert len(read_records(Path("results/experiments"), "toy", "smoke")) == 3
+
+
+def needs_data(trial: Trial) -> Outcome:
+    require(Path("nowhere"), trial, "make data")
+    raise AssertionError
+
+
+def test_resume_is_what_happens_anyway_and_again_makes_runs_again(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(experiments, "load", lambda name: toy(trials=2))
+    monkeypatch.chdir(tmp_path)
+    run = ["reproduce", "toy", "--scale", "smoke", "--seeds", "1"]
+    assert main([*run, "--resume"]) == main(run) == 0
+    log = Path("runs/reproduce/smoke/made.txt")
+    assert set(Counter(log.read_text().splitlines()).values()) == {1}
+    assert main([*run, "--again"]) == 0
+    assert set(Counter(log.read_text().splitlines()).values()) == {2}
+    assert main([*run, "--again", "--resume"]) == 2
+    assert "say one" in capsys.readouterr().err
+
+
+def test_a_killed_run_goes_on_from_its_state(tmp_path):
+    run = [sys.executable, str(TOY), str(tmp_path), "0", "steps"]
+    process = subprocess.Popen(run, env={**os.environ, "TOY_SECONDS": "0.05"})
+    work = tmp_path / "work" / "smoke"
+    log = work / "steps.txt"
+    deadline = time.monotonic() + 60
+    while not log.is_file() or log.read_text().count("x1 0") < 5:
+        assert time.monotonic() < deadline
+        time.sleep(0.02)
+    process.send_signal(signal.SIGKILL)
+    process.wait()
+    assert not list((tmp_path / "results").rglob("*.json"))
+    assert subprocess.run(run, env=dict(os.environ)).returncode == 0
+    counts = Counter(log.read_text().splitlines())
+    # It goes on where it was: only the step at which it was killed may have been done twice.
+    assert STEPS <= counts["x1 0"] <= STEPS + 1
+    assert counts["x2 1"] == STEPS
+    assert not list((work / "states").rglob("*.txt"))
 
 
 def test_no_seeds_are_refused():

@@ -3,6 +3,7 @@
 import os
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import optuna
@@ -19,6 +20,7 @@ from fusionnet.experiments import (
     proposal_name,
     reproduce,
 )
+from fusionnet.files import write_whole
 from fusionnet.randomness import generator
 
 SLOW = float(os.environ.get("TOY_SECONDS", "0"))
@@ -40,7 +42,27 @@ def run(trial: Trial) -> Outcome:
     time.sleep(SLOW)
     noise = generator(trial.seed, "toy").normal(0, 0.1)
     x = trial.variant.values["x"]
-    return Outcome(metrics={"error": (x - 2.0) ** 2 + noise}, curves={"loss": [1.0, 0.5]})
+    return Outcome(
+        metrics={"error": (x - 2.0) ** 2 + noise},
+        configuration={"slope": 2.0},
+        curves={"loss": [1.0, 0.5]},
+    )
+
+
+STEPS = 20
+
+
+def run_in_steps(trial: Trial) -> Outcome:
+    """A run that keeps a state after each step, and goes on from it."""
+    state = trial.state / "step.txt"
+    done = int(state.read_text()) if state.is_file() else 0
+    for step in range(done, STEPS):
+        trial.work.mkdir(parents=True, exist_ok=True)
+        with (trial.work / "steps.txt").open("a") as made:
+            made.write(f"{trial.variant.name} {trial.seed}\n")
+        time.sleep(SLOW)
+        write_whole(state, str(step + 1))
+    return run(trial)
 
 
 def toy(*, trials: int = 0) -> Experiment:
@@ -70,6 +92,7 @@ def toy(*, trials: int = 0) -> Experiment:
 
 if __name__ == "__main__":
     folder, trials = Path(sys.argv[1]), int(sys.argv[2])
-    reproduce(
-        toy(trials=trials), Plan(scale="smoke", results=folder / "results", work=folder / "work")
-    )
+    experiment = toy(trials=trials)
+    if sys.argv[3:] == ["steps"]:
+        experiment = replace(experiment, run=run_in_steps)
+    reproduce(experiment, Plan(scale="smoke", results=folder / "results", work=folder / "work"))

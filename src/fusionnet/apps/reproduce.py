@@ -1,6 +1,8 @@
 """`fusionnet reproduce NAME`: run the experiments of the thesis, and ours."""
 
-from dataclasses import dataclass, field
+import os
+from dataclasses import dataclass, field, replace
+from pathlib import Path
 
 import tyro
 from rich.console import Console
@@ -8,6 +10,7 @@ from rich.table import Table
 
 from fusionnet import experiments
 from fusionnet.apps.progress import bars
+from fusionnet.errors import DataError, InputError
 from fusionnet.experiments import Experiment, Plan, Record, judge, summaries
 
 
@@ -18,27 +21,52 @@ class ReproduceConfig:
     name: tyro.conf.Positional[str] = "all"
     """An experiment's name, "all", or "list" to see what there is."""
     plan: tyro.conf.OmitArgPrefixes[Plan] = field(default_factory=Plan)
+    resume: bool = False
+    """Go on where a killed run stopped. This is what happens anyway, without --again."""
+
+    def __post_init__(self) -> None:
+        """Refuse to go on and to begin again at once."""
+        if self.resume and self.plan.again:
+            raise InputError("--resume keeps finished runs and --again makes them again; say one.")
 
 
 def reproduce(config: ReproduceConfig) -> None:
     """Run what is missing of an experiment, and print its comparison with the thesis.
 
     Finished runs are kept; several processes may work on the same experiment at once.
+    The treebank is --data DIR, or where the variable FUSIONNET_DATA points.
     `fusionnet report` draws what has been run.
     """
     console = Console(highlight=False)
     if config.name == "list":
         console.print(_contents())
         return
-    names = experiments.names() if config.name == "all" else [config.name]
-    for name in names:
-        experiment = experiments.load(name)
-        with bars() as bar:
-            records = experiments.reproduce(experiment, config.plan, progress=bar(name))
-        console.print(_table(experiment, records), soft_wrap=not console.is_terminal)
-        for claim in experiment.claims:
-            judged = judge(experiment, claim, records)
-            console.print(f"  {judged.verdict}: {claim.says}")
+    plan = config.plan
+    if plan.data is None and (named := os.environ.get("FUSIONNET_DATA")):
+        plan = replace(plan, data=Path(named))
+    if config.name != "all":
+        _one(experiments.load(config.name), plan, console)
+        return
+    missing = []
+    for name in experiments.names():
+        try:
+            _one(experiments.load(name), plan, console)
+        except DataError as error:
+            console.print(f"{name}: {error}", soft_wrap=True)
+            missing.append(name)
+    if missing:
+        raise DataError(f"Not run for want of data or weights, see above: {', '.join(missing)}.")
+
+
+def _one(experiment: Experiment, plan: Plan, console: Console) -> None:
+    """Run one experiment and print what came out."""
+    with bars() as bar:
+        runs, within = bar(f"{experiment.name}: runs"), bar("this run")
+        records = experiments.reproduce(experiment, plan, progress=runs, within=within)
+    console.print(_table(experiment, records), soft_wrap=not console.is_terminal)
+    for claim in experiment.claims:
+        judged = judge(experiment, claim, records)
+        console.print(f"  {judged.verdict}: {claim.says}")
 
 
 def _contents() -> Table:

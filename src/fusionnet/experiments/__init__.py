@@ -21,6 +21,7 @@ from fusionnet.experiments._records import Record, read_records
 from fusionnet.experiments._reproduce import reproduce
 from fusionnet.experiments._runner import Plan
 from fusionnet.experiments._search import proposal_name
+from fusionnet.experiments._sources import corpus_for, require
 from fusionnet.experiments._verdict import Judgement, Summary, judge, less_is_better, summaries
 
 catalogue = Catalogue("fusionnet.experiments", kind="experiment", attribute="EXPERIMENT")
@@ -41,6 +42,7 @@ __all__ = [
     "Summary",
     "Trial",
     "Variant",
+    "corpus_for",
     "judge",
     "less_is_better",
     "load",
@@ -48,5 +50,6 @@ __all__ = [
     "proposal_name",
     "read_records",
     "reproduce",
+    "require",
     "summaries",
 ]

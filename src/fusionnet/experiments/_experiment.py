@@ -12,7 +12,14 @@ Scale = Literal["smoke", "small", "thesis"]
 """*smoke*: seconds, shows that it runs; *small*: under 90 minutes on two cores, says something;
 *thesis*: the thesis's own size, for a GPU or a cluster."""
 
-Progress = Callable[[int, int], None]
+Progress = Callable[..., None]
+"""Called with what is done, of how much, and maybe a line of a log (as `training.fit` does)."""
+
+PAIRED = (
+    "Paired seeds: a claim is borne out, or contradicted, only where both the 95 % bootstrap "
+    "interval and the 95 % t interval of the mean difference leave out zero, over three seeds or "
+    "more; otherwise it cannot be told."
+)
 
 _NAME = re.compile(r"[a-z0-9][a-z0-9.+=_-]*")
 
@@ -101,11 +108,13 @@ class Outcome:
 
     Attributes:
         metrics: Numbers measured on data that was not learnt from.
+        configuration: All that was set, as JSON: sizes, steps, rates, what was measured on.
         curves: Lists of numbers by name (a loss over steps, say).
-        details: Anything else that is JSON: a confusion table, sizes, a configuration.
+        details: Anything else that is JSON: a confusion table, an example.
     """
 
     metrics: Mapping[str, float]
+    configuration: Mapping[str, Any] = field(default_factory=dict)
     curves: Mapping[str, Sequence[float]] = field(default_factory=dict)
     details: Mapping[str, Any] = field(default_factory=dict)
 
@@ -119,9 +128,9 @@ class Trial:
         variant: What to run.
         seed: Of everything random; the variants of one seed are compared as pairs.
         scale: Size.
-        data: Folder of the treebank, if there is one; otherwise commands of our own are used.
-        work: Folder for data sets and states, shared by all trials of a scale.
-        progress: Called with what is done, of how much.
+        data: Folder of the treebank, if it was given; `commands_for` reads it.
+        work: Folder for data sets and weights that the trials of a scale share.
+        progress: Called with what is done, of how much, and maybe a line of a log.
     """
 
     experiment: str
@@ -131,6 +140,14 @@ class Trial:
     data: Path | None = None
     work: Path = Path("runs/reproduce")
     progress: Progress | None = None
+
+    @property
+    def state(self) -> Path:
+        """Folder of this trial alone, for a state that it resumes from after a kill.
+
+        It is removed once the record is written.
+        """
+        return self.work / "states" / self.experiment / f"{self.variant.name}-seed{self.seed}"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -164,6 +181,7 @@ class Experiment:
         seeds: How many, by scale.
         published: Numbers of the thesis.
         claims: What is tested, by paired seeds.
+        test: With which test the claims are judged.
         figures: How it is drawn.
         search: Proposes further variants.
         caution: What the numbers cannot say, in a sentence for the report.
@@ -182,6 +200,7 @@ class Experiment:
     seeds: Mapping[Scale, int]
     published: tuple[Published, ...] = ()
     claims: tuple[Claim, ...] = ()
+    test: str = PAIRED
     figures: tuple[Figure, ...] = (Figure(),)
     search: Search | None = None
     caution: str = ""

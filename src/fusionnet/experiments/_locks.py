@@ -10,12 +10,13 @@ class Lock:
     """The right to do one thing alone.
 
     Args:
-        work: Folder that the processes share; the lock's file goes to its `locks`.
-        what: What may be done.
+        work: Folder that the processes share, also under different names on several
+            machines; the lock's file goes to its `locks`.
+        what: Names what may be done, apart from where: a path below the results.
     """
 
     def __init__(self, work: Path, what: Path) -> None:
-        key = hashlib.blake2b(str(what.resolve()).encode(), digest_size=12).hexdigest()
+        key = hashlib.blake2b(what.as_posix().encode(), digest_size=12).hexdigest()
         self._file = work / "locks" / key
         self._open: IO[Any] | None = None
 

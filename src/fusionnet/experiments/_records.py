@@ -28,7 +28,8 @@ class Record:
     Attributes:
         experiment, scale, seed: Of the trial.
         variant: Its name, values and label.
-        metrics, curves, details: Of the outcome.
+        command: Makes this run again, and those beside it.
+        metrics, configuration, curves, details: Of the outcome.
         seconds: Wall time.
         provenance: Commit, versions, hardware.
     """
@@ -37,7 +38,9 @@ class Record:
     scale: str
     seed: int
     variant: Variant
+    command: str
     metrics: dict[str, float]
+    configuration: dict[str, Any]
     curves: dict[str, list[float]]
     details: dict[str, Any]
     seconds: float
@@ -61,6 +64,8 @@ def write_record(file: Path, trial: Trial, outcome: Outcome, seconds: float) -> 
         scale=trial.scale,
         seed=trial.seed,
         variant=trial.variant,
+        command=f"fusionnet reproduce {trial.experiment} --scale {trial.scale}",
+        configuration=dict(outcome.configuration),
         metrics={name: float(value) for name, value in outcome.metrics.items()},
         curves={name: [float(v) for v in values] for name, values in outcome.curves.items()},
         details=dict(outcome.details),

@@ -1,19 +1,24 @@
 """Everything that is missing of an experiment, run: the variants, then the search's."""
 
+import shutil
 import time
 from collections.abc import Callable
 from pathlib import Path
 
-from fusionnet.experiments._experiment import Experiment
+from fusionnet.experiments._experiment import Experiment, Progress
 from fusionnet.experiments._records import Record, record_file
 from fusionnet.experiments._runner import Plan, run_trial, trial_of
-from fusionnet.experiments._search import search_variants
+from fusionnet.experiments._search import forget_study, search_variants
 
 Report = Callable[[int, int], None]
 
 
 def reproduce(
-    experiment: Experiment, plan: Plan, *, progress: Report | None = None
+    experiment: Experiment,
+    plan: Plan,
+    *,
+    progress: Report | None = None,
+    within: Progress | None = None,
 ) -> list[Record]:
     """Make every missing run of an experiment, and return all records of its variants.
 
@@ -21,6 +26,7 @@ def reproduce(
         experiment: What to run.
         plan: At which scale, with how many seeds.
         progress: Called with runs done, of how many.
+        within: Called by a run with what it has done, of how much.
 
     Raises:
         InputError, DataError: If a run needs data that is not there; the message names the
@@ -31,10 +37,9 @@ def reproduce(
     variants = list(experiment.variants(plan.scale))
     searched = experiment.search.trials[plan.scale] if experiment.search else 0
     total = (len(variants) + searched) * len(seeds)
-    trials = [trial_of(experiment, plan, variant, seed) for seed in seeds for variant in variants]
-    if not plan.resume:
-        for trial in trials:
-            record_file(plan.results, trial).unlink(missing_ok=True)
+    trials = [trial_of(experiment, plan, v, seed, within) for seed in seeds for v in variants]
+    if plan.again:
+        _forget(experiment, plan)
     records: dict[Path, Record] = {}
 
     def note(file: Path, record: Record) -> None:
@@ -51,5 +56,13 @@ def reproduce(
         if len(records) == before:
             time.sleep(1.0)  # other processes are at what is left
     if experiment.search is not None:
-        search_variants(experiment, plan, seeds, note)
+        search_variants(experiment, plan, seeds, note, within)
     return list(records.values())
+
+
+def _forget(experiment: Experiment, plan: Plan) -> None:
+    """Remove the records of a scale, its study, and the states of runs that were killed."""
+    for file in (plan.results / experiment.name / plan.scale).glob("*.json"):
+        file.unlink(missing_ok=True)
+    forget_study(experiment, plan)
+    shutil.rmtree(plan.work / plan.scale / "states" / experiment.name, ignore_errors=True)

@@ -5,12 +5,13 @@ however it ends. Its record is written whole at the end. So finished runs are ne
 nor made twice, and a killed process costs only the run that it was at.
 """
 
+import shutil
 import time
 from dataclasses import dataclass
 from pathlib import Path
 
 from fusionnet.errors import InputError
-from fusionnet.experiments._experiment import Experiment, Scale, Trial, Variant
+from fusionnet.experiments._experiment import Experiment, Progress, Scale, Trial, Variant
 from fusionnet.experiments._locks import Lock
 from fusionnet.experiments._records import Record, read_record, record_file, write_record
 
@@ -25,7 +26,7 @@ class Plan:
         data: Folder of the treebank; without it commands of our own are used.
         results: Folder of the records.
         work: Folder for data sets, states and locks.
-        resume: Keep finished runs; otherwise those of this plan are made again.
+        again: Make finished runs again; otherwise they are kept, and what is missing is made.
     """
 
     scale: Scale = "small"
@@ -33,7 +34,7 @@ class Plan:
     data: Path | None = None
     results: Path = Path("results/experiments")
     work: Path = Path("runs/reproduce")
-    resume: bool = True
+    again: bool = False
 
     def __post_init__(self) -> None:
         """Refuse numbers of seeds that make no run."""
@@ -41,7 +42,13 @@ class Plan:
             raise InputError(f"At least one seed is needed; received {self.seeds}.")
 
 
-def trial_of(experiment: Experiment, plan: Plan, variant: Variant, seed: int) -> Trial:
+def trial_of(
+    experiment: Experiment,
+    plan: Plan,
+    variant: Variant,
+    seed: int,
+    progress: Progress | None = None,
+) -> Trial:
     """The trial of a variant with a seed in a plan."""
     return Trial(
         experiment=experiment.name,
@@ -50,6 +57,7 @@ def trial_of(experiment: Experiment, plan: Plan, variant: Variant, seed: int) ->
         scale=plan.scale,
         data=plan.data,
         work=plan.work / plan.scale,
+        progress=progress,
     )
 
 
@@ -58,7 +66,7 @@ def run_trial(experiment: Experiment, plan: Plan, trial: Trial) -> Record | None
     file = record_file(plan.results, trial)
     if file.is_file():
         return read_record(file)
-    lock = Lock(plan.work, file)
+    lock = Lock(plan.work, file.relative_to(plan.results))
     if not lock.acquire():
         return None
     with lock:
@@ -66,4 +74,6 @@ def run_trial(experiment: Experiment, plan: Plan, trial: Trial) -> Record | None
             return read_record(file)
         began = time.monotonic()
         outcome = experiment.run(trial)
-        return write_record(file, trial, outcome, time.monotonic() - began)
+        record = write_record(file, trial, outcome, time.monotonic() - began)
+        shutil.rmtree(trial.state, ignore_errors=True)
+        return record

@@ -15,17 +15,24 @@ import optuna
 from optuna.storages.journal import JournalFileBackend
 from optuna.trial import TrialState
 
-from fusionnet.experiments._experiment import Experiment, Variant
+from fusionnet.experiments._experiment import Experiment, Progress, Variant
 from fusionnet.experiments._locks import Lock
 from fusionnet.experiments._records import Record, read_record, record_file
 from fusionnet.experiments._runner import Plan, run_trial, trial_of
+
+JOURNAL = "study.journal"
+"""The study's file, beside the records."""
 
 PAUSE = 0.2
 """Seconds between looks at what other processes do."""
 
 
 def search_variants(
-    experiment: Experiment, plan: Plan, seeds: range, note: Callable[[Path, Record], None]
+    experiment: Experiment,
+    plan: Plan,
+    seeds: range,
+    note: Callable[[Path, Record], None],
+    within: Progress | None = None,
 ) -> None:
     """Let a tree-structured Parzen estimator propose variants until enough are finished.
 
@@ -33,30 +40,30 @@ def search_variants(
         Bergstra et al. (2011), Algorithms for hyper-parameter optimization; thesis 7.2.
     """
     assert experiment.search is not None
-    folder = plan.results / experiment.name / plan.scale
+    folder = plan.results / _name(experiment, plan)
     folder.mkdir(parents=True, exist_ok=True)
     optuna.logging.set_verbosity(optuna.logging.WARNING)
     study = optuna.create_study(
         study_name=experiment.name,
-        storage=optuna.storages.JournalStorage(JournalFileBackend(str(folder / "study.journal"))),
+        storage=optuna.storages.JournalStorage(JournalFileBackend(str(folder / JOURNAL))),
         direction="minimize" if experiment.lower_is_better else "maximize",
         load_if_exists=True,
     )
     wanted = experiment.search.trials[plan.scale]
-    asking = Lock(plan.work, folder / "ask")
+    asking = Lock(plan.work, _name(experiment, plan) / "ask")
     while _count(study, TrialState.COMPLETE) < wanted:
         if not asking.acquire():
             time.sleep(PAUSE)
             continue
         with asking:
-            mine = _next(study, wanted, plan, folder)
+            mine = _next(study, wanted, plan, _name(experiment, plan))
         if mine is None:
             time.sleep(PAUSE)  # other processes are at the last ones
             continue
         trial, lock = mine
         with lock:
             variant = experiment.search.propose(trial)
-            study.tell(trial, _mean(experiment, plan, variant, seeds))
+            study.tell(trial, _mean(experiment, plan, variant, seeds, within))
     for finished in study.get_trials(deepcopy=False, states=[TrialState.COMPLETE]):
         variant = experiment.search.propose(optuna.trial.FixedTrial(finished.params))  # type: ignore[arg-type]
         for seed in seeds:
@@ -65,11 +72,11 @@ def search_variants(
 
 
 def _next(
-    study: optuna.Study, wanted: int, plan: Plan, folder: Path
+    study: optuna.Study, wanted: int, plan: Plan, name: Path
 ) -> tuple[optuna.Trial, Lock] | None:
     """A new trial and its lock, or None if enough are finished or under way."""
     for trial in study.get_trials(deepcopy=False, states=[TrialState.RUNNING]):
-        lock = Lock(plan.work, folder / str(trial.number))
+        lock = Lock(plan.work, name / str(trial.number))
         if lock.acquire():  # its process has died
             with lock:
                 study.tell(trial.number, state=TrialState.FAIL)
@@ -80,7 +87,7 @@ def _next(
     number = len(study.get_trials(deepcopy=False))
     study.sampler = optuna.samplers.TPESampler(seed=number)  # else processes draw alike
     asked = study.ask()
-    lock = Lock(plan.work, folder / str(asked.number))
+    lock = Lock(plan.work, name / str(asked.number))
     held = lock.acquire()
     assert held, "nobody else knows of this trial"
     return asked, lock
@@ -90,11 +97,28 @@ def _count(study: optuna.Study, *states: TrialState) -> int:
     return len(study.get_trials(deepcopy=False, states=list(states)))
 
 
-def _mean(experiment: Experiment, plan: Plan, variant: Variant, seeds: range) -> float:
+def forget_study(experiment: Experiment, plan: Plan) -> None:
+    """Remove the study of an experiment at a scale."""
+    folder = plan.results / _name(experiment, plan)
+    for file in folder.glob(f"{JOURNAL}*"):
+        file.unlink(missing_ok=True)
+
+
+def _name(experiment: Experiment, plan: Plan) -> Path:
+    return Path(experiment.name) / plan.scale
+
+
+def _mean(
+    experiment: Experiment,
+    plan: Plan,
+    variant: Variant,
+    seeds: range,
+    within: Progress | None,
+) -> float:
     """Mean of the deciding metric over the seeds."""
     values = []
     for seed in seeds:
-        trial = trial_of(experiment, plan, variant, seed)
+        trial = trial_of(experiment, plan, variant, seed, within)
         while (record := run_trial(experiment, plan, trial)) is None:
             time.sleep(PAUSE)
         values.append(record.metrics[experiment.metric])

@@ -1,0 +1,80 @@
+"""The compact FusionNet's fusion as several experiments train it: from commands, quickly."""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import Any
+
+import torch
+from jaxtyping import Float
+from numpy import ndarray
+
+from fusionnet.corpora import Command
+from fusionnet.experiments._experiment import Trial
+from fusionnet.models.fusionnet import FusionNet, compact
+from fusionnet.randomness import generator
+from fusionnet.training.fusion import LOSS_WEIGHTS, FusionBatch, FusionConfig, draw_batch
+from fusionnet.training.journal import LogLine
+from fusionnet.training.loop import LoopConfig, fit
+from fusionnet.training.optimizers import OptimizerConfig
+from fusionnet.training.planned_examples import PlannedExamples
+from fusionnet.training.simulated_readings import cells_of, simulated_readings
+
+Losses = Callable[[Any, FusionBatch], Mapping[str, torch.Tensor]]
+
+
+def fusion_config(steps: int, seed: int, **loop: Any) -> FusionConfig:
+    """The configuration of the shipped fusion part, with fewer steps; `loop` changes its loop."""
+    chosen = {
+        "learning_rate": 0.04,
+        "optimizer": OptimizerConfig(weight_decay=0.0),
+        "average": 0.98,
+        "loss_weights": LOSS_WEIGHTS,
+        "tensorboard": False,
+        "log_every": max(1, steps // 20),
+        "save_every": 50,
+        **loop,
+    }
+    return FusionConfig(seed=seed, loop=LoopConfig(steps=steps, seed=seed, **chosen))
+
+
+def train_fusion(
+    commands: Sequence[Command],
+    config: FusionConfig,
+    trial: Trial,
+    model: FusionNet | None = None,
+    losses: Losses | None = None,
+) -> tuple[FusionNet, list[LogLine]]:
+    """A fusion part that has learnt from some commands, and the lines of its log.
+
+    A killed run goes on from the trial's state.
+    """
+    torch.set_num_threads(1)
+    examples = PlannedExamples(commands)
+    model = compact(config.robot) if model is None else model
+
+    def batches(first: int) -> Iterator[FusionBatch]:
+        for step in range(first, config.loop.steps):
+            yield draw_batch(examples, None, config, step)
+
+    history = fit(
+        model,
+        batches,
+        losses or (lambda network, batch: network.losses(*batch)),
+        config.loop,
+        folder=trial.state,
+        progress=trial.progress,
+    )
+    return model, history
+
+
+def readings_of(
+    commands: Sequence[Command], seed: int
+) -> tuple[Float[ndarray, "n 8 8 8 17"], Float[ndarray, " n"]]:
+    """The commands' layouts as a reader full of doubt sees them; the same for every variant."""
+    cells, held = cells_of([command.scene.before for command in commands])
+    return simulated_readings(cells, held, generator(seed, "experiments", "readings"))
+
+
+def curves_of(history: Sequence[LogLine]) -> dict[str, list[float]]:
+    """The log's losses over its steps."""
+    names = [name for name in (history[0] if history else {}) if name != "seconds"]
+    return {name: [round(float(line[name]), 6) for line in history] for name in names}
