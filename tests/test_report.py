@@ -21,24 +21,38 @@ def run(tmp_path_factory):
 def test_the_reading_says_what_is_best_and_how_often_the_thesis_is_borne_out(run):
     said = reading(run)
     assert "At the small scale, x2 has the best error" in said and "over 5 seeds" in said
-    assert "agrees with 1 of 3, differs from 1 of 3, cannot tell of 1 of 3" in said
+    assert (
+        "Of the thesis's claims it agrees with 1 of 3, differs from 1 of 3, cannot tell 1" in said
+    )
+    assert "holds zero over 5 seeds" in said
 
 
 def test_a_page_needs_no_other_file(run):
     page = html_page([run])
     assert page.count("<svg") == 1 and "<script" not in page
     assert not re.findall(r"""(?:src|href)=["'](?!#)(?!http://www\.w3\.org)""", page)
-    assert "0 (nowhere)" in page and "difference -1" in page
+    assert "0 ± 0.1 (nowhere)" in page and "difference -1" in page
+    assert ">the thesis<" in page and ">ours (small)<" in page
 
 
 def test_markdown_names_every_figure_that_it_gives(run):
     text, figures = markdown_page([run], "results")
     assert set(re.findall(r"\(results/([^)]+)\)", text)) == set(figures) == {"toy-1.svg"}
-    assert "| x2 | " in text
+    assert "| x2 | error | " in text
 
 
 @pytest.mark.parametrize(
-    "figure", [Figure(), Figure(kind="lines", x="x"), Figure(kind="scatter", x="x")]
+    "figure",
+    [
+        Figure(),
+        Figure(logarithmic=True),
+        Figure(kind="ranked"),
+        Figure(kind="lines", x="x"),
+        Figure(kind="scatter", x="x"),
+        Figure(kind="curves", metric="loss"),
+        Figure(kind="matrix", metric="table"),
+        Figure(kind="matrix", metric="of no run"),
+    ],
 )
 def test_every_kind_of_figure_is_drawn_the_same_twice(run, figure):
     assert draw(run, figure) == draw(run, figure)

@@ -46,6 +46,7 @@ def run(trial: Trial) -> Outcome:
         metrics={"error": (x - 2.0) ** 2 + noise},
         configuration={"slope": 2.0},
         curves={"loss": [1.0, 0.5]},
+        details={"table": {"rows": ["a"], "columns": ["b", "c"], "values": [[0.5, x]]}},
     )
 
 
@@ -78,7 +79,9 @@ def toy(*, trials: int = 0) -> Experiment:
         variants=variants,
         run=run,
         seeds={"smoke": 2, "small": 5, "thesis": 5},
-        published=(Published(variant="x2", metric="error", mean=0.0, where="nowhere"),),
+        published=(
+            Published(variant="x2", metric="error", mean=0.0, deviation=0.1, where="nowhere"),
+        ),
         claims=(
             Claim(better="x2", worse="x1", says="Two is better than one."),
             Claim(better="x1", worse="x2", says="One is better than two."),

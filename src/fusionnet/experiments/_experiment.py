@@ -85,17 +85,25 @@ class Figure:
     """How the results are drawn, in the thesis's own form.
 
     Attributes:
-        kind: "bars" a variant, "lines" over `x`, "scatter" of every run over `x`.
-        x: Key of the variants' values on the horizontal axis (lines, scatter).
-        series: Key of the variants' values that tells lines or groups of bars apart.
+        kind: "bars" a variant; "ranked" bars, the best first, the thesis's own variants beside
+            ours; "lines" and "scatter" over `x`; "curves" of the runs, a line a variant;
+            "matrix", colours by row and column.
+        metric: What is drawn; the experiment's by default. Of "curves" the name of a curve, of
+            "matrix" the name of a detail: {"rows": [...], "columns": [...], "values": [[...]]}.
+        x: Key of the variants' values on the horizontal axis (lines, scatter); of "curves" the
+            name of the curve that holds the steps.
+        series: Key of the variants' values that tells lines apart (lines).
+        title: What it shows, where an experiment has several figures.
         like: The thesis's figure or table that it corresponds to.
         x_label, y_label: With units.
         logarithmic: Whether the vertical axis is.
     """
 
-    kind: Literal["bars", "lines", "scatter"] = "bars"
+    kind: Literal["bars", "ranked", "lines", "scatter", "curves", "matrix"] = "bars"
+    metric: str = ""
     x: str = ""
     series: str = ""
+    title: str = ""
     like: str = ""
     x_label: str = ""
     y_label: str = ""

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
 from fusionnet import experiments
@@ -12,6 +13,7 @@ from fusionnet.experiments import (
     Record,
     Scale,
     Summary,
+    Variant,
     judge,
     read_records,
     summaries,
@@ -51,11 +53,25 @@ class Chapter:
 
     def published(self, variant: str, metric: str = "") -> Published | None:
         """What the thesis states for a variant, if anything."""
+        return self.stated(metric).get(variant)
+
+    def stated(self, metric: str = "") -> dict[str, Published]:
+        """What the thesis states of a metric (the deciding one by default), by variant."""
         metric = metric or self.experiment.metric
-        for stated in self.experiment.published:
-            if (stated.variant, stated.metric) == (variant, metric):
-                return stated
-        return None
+        return {p.variant: p for p in self.experiment.published if p.metric == metric}
+
+    @cached_property
+    def variants(self) -> dict[str, Variant]:
+        """All variants by name: those of the thesis's scale, and those that were run."""
+        found = {v.name: v for v in self.experiment.variants("thesis")}
+        return found | {s.variant.name: s.variant for s in self.summaries}
+
+    def summaries_of(self, metric: str = "") -> list[Summary]:
+        """The runs' summaries of any metric, in the same order of variants."""
+        if metric in ("", self.experiment.metric):
+            return list(self.summaries)
+        by_name = {s.variant.name: s for s in summaries(self.records, metric)}
+        return [by_name[s.variant.name] for s in self.summaries if s.variant.name in by_name]
 
 
 def gather(results: Path, scales: Sequence[Scale] = SCALES) -> list[Chapter]:

@@ -1,4 +1,4 @@
-"""Figures in the thesis's own form: bars or lines with intervals, its numbers as open marks.
+"""Figures in the thesis's own form: its numbers on the left, ours with intervals on the right.
 
 Colours are those of Okabe and Ito, which colour-blind people can tell apart.
 """
@@ -11,23 +11,33 @@ import matplotlib
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure as Canvas
 
-from fusionnet.experiments import Figure, Summary, summaries
+from fusionnet.experiments import Figure, Published, Summary, Variant, less_is_better, summaries
 from fusionnet.report.chapters import Chapter
 from fusionnet.report.reading import metric_words
+from fusionnet.report.run_figures import draw_curves, draw_matrix
+from fusionnet.report.style import COLORS, MARKS, PUBLISHED, bare, legend
 
-COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
-PUBLISHED = "#555555"
-"""The thesis's numbers: open diamonds of this colour."""
+MOST_RANKED = 40
+"""Bars of a ranking; the worst ones beyond are left out."""
 
 
 def draw(chapter: Chapter, figure: Figure) -> str:
     """One figure of a chapter as SVG."""
-    canvas = Canvas(figsize=(7.2, _height(chapter, figure)), layout="constrained")
-    axes = canvas.add_subplot()
-    {"bars": _bars, "lines": _lines, "scatter": _scatter}[figure.kind](axes, chapter, figure)
-    if figure.logarithmic:
-        (axes.set_xscale if figure.kind == "bars" else axes.set_yscale)("log")
-    axes.spines[["top", "right"]].set_visible(False)
+    if figure.kind == "curves":
+        return svg(draw_curves(chapter, figure))
+    if figure.kind == "matrix":
+        return svg(draw_matrix(chapter, figure))
+    stated = chapter.stated(figure.metric)
+    canvas = Canvas(figsize=(8.6, _height(chapter, figure, stated)), layout="constrained")
+    panels = list(canvas.subplots(1, 2 if stated else 1, squeeze=False)[0])
+    draw_kind = {"bars": _bars, "ranked": _ranked, "lines": _lines, "scatter": _scatter}
+    draw_kind[figure.kind](panels, chapter, figure, stated)
+    panels[0].set_title("the thesis", fontsize=10)
+    panels[-1].set_title(f"ours ({chapter.scale})", fontsize=10)
+    for axes in panels:
+        if figure.logarithmic:
+            (axes.set_xscale if figure.kind in ("bars", "ranked") else axes.set_yscale)("log")
+        bare(axes)
     return svg(canvas)
 
 
@@ -46,11 +56,12 @@ def draw_answer(chapter: Chapter, metrics: Sequence[tuple[str, str]]) -> str:
         axes = canvas.add_subplot(1, len(shown), column + 1)
         by_name = {s.variant.name: s for s in found}
         rows = [by_name[name] for name in order if name in by_name]
-        _row_bars(axes, rows, COLORS[column])
+        _rows(axes, [s.variant for s in rows])
+        _bars_of_ours(axes, rows, range(len(rows)), COLORS[column])
         if column:
             axes.set_yticklabels([])
         axes.set_xlabel(label)
-        axes.spines[["top", "right"]].set_visible(False)
+        bare(axes)
     return svg(canvas)
 
 
@@ -63,71 +74,121 @@ def svg(canvas: Canvas) -> str:
     return text[text.index("<svg") :]
 
 
-def _height(chapter: Chapter, figure: Figure) -> float:
-    return 0.9 + 0.32 * len(chapter.summaries) if figure.kind == "bars" else 3.6
+def _height(chapter: Chapter, figure: Figure, stated: dict[str, Published]) -> float:
+    if figure.kind == "ranked":
+        most = max(len(chapter.summaries), len(stated))
+        return 1.0 + 0.19 * min(most, MOST_RANKED)
+    if figure.kind == "bars":
+        return 1.1 + 0.3 * len({*stated, *(s.variant.name for s in chapter.summaries)})
+    return 3.6
 
 
-def _bars(axes: Axes, chapter: Chapter, figure: Figure) -> None:
-    _row_bars(axes, chapter.summaries, COLORS[0])
-    for row, summary in enumerate(chapter.summaries):
-        stated = chapter.published(summary.variant.name)
-        if stated is not None:
-            axes.errorbar(
-                stated.mean,
-                row,
-                xerr=stated.deviation,
-                fmt="D",
-                mfc="none",
-                color=PUBLISHED,
-                label="thesis",
-            )
-    axes.set_xlabel(figure.y_label or metric_words(chapter.experiment.metric))
-    _legend(axes)
+def _label(chapter: Chapter, figure: Figure) -> str:
+    return figure.y_label or metric_words(figure.metric or chapter.experiment.metric)
 
 
-def _row_bars(axes: Axes, rows: Sequence[Summary], color: str) -> None:
+def _bars(
+    panels: list[Axes], chapter: Chapter, figure: Figure, stated: dict[str, Published]
+) -> None:
+    """A row a variant, the same rows in both panels."""
+    found = {s.variant.name: s for s in chapter.summaries_of(figure.metric)}
+    names = [n for n in chapter.variants if n in found or n in stated]
+    places = {name: row for row, name in enumerate(names)}
+    for axes in panels:
+        _rows(axes, [chapter.variants[name] for name in names])
+        axes.set_xlabel(_label(chapter, figure))
+    _bars_of_ours(panels[-1], list(found.values()), [places[name] for name in found])
+    if stated:
+        _bars_of_thesis(panels[0], list(stated.values()), [places[name] for name in stated])
+        panels[-1].set_yticklabels([])
+
+
+def _ranked(
+    panels: list[Axes], chapter: Chapter, figure: Figure, stated: dict[str, Published]
+) -> None:
+    """A row a variant, the best first, in each panel its own rows."""
+    metric = figure.metric or chapter.experiment.metric
+    less = chapter.experiment.lower_is_better if not figure.metric else less_is_better(metric)
+    sign = 1 if less else -1
+    ours = sorted(chapter.summaries_of(figure.metric), key=lambda s: sign * s.mean)[:MOST_RANKED]
+    theirs = sorted(stated.values(), key=lambda p: sign * p.mean)[:MOST_RANKED]
+    _rows(panels[-1], [s.variant for s in ours])
+    _bars_of_ours(panels[-1], ours, range(len(ours)))
+    if theirs:
+        _rows(panels[0], [chapter.variants[p.variant] for p in theirs])
+        _bars_of_thesis(panels[0], theirs, range(len(theirs)))
+    for axes in panels:
+        axes.tick_params(axis="y", labelsize=6.5)
+        axes.set_xlabel(_label(chapter, figure))
+
+
+def _rows(axes: Axes, variants: Sequence[Variant]) -> None:
+    axes.set_yticks(range(len(variants)), [v.label or v.name for v in variants])
+    axes.set_ylim(len(variants) - 0.4, -0.6)
+
+
+def _bars_of_ours(
+    axes: Axes, rows: Sequence[Summary], places: Sequence[int], color: str = COLORS[0]
+) -> None:
     means = [s.mean for s in rows]
-    spread = [[s.mean - s.low for s in rows], [s.high - s.mean for s in rows]]
-    axes.barh(range(len(rows)), means, xerr=spread, color=color, alpha=0.75, capsize=3)
-    for row, summary in enumerate(rows):
-        axes.plot(summary.values, [row] * len(summary.values), "k.", markersize=3)
-    axes.set_yticks(range(len(rows)), [s.variant.label or s.variant.name for s in rows])
-    axes.invert_yaxis()
+    axes.barh(places, means, xerr=_spread(rows), color=color, alpha=0.75, capsize=3)
+    for place, summary in zip(places, rows, strict=True):
+        axes.plot(summary.values, [place] * len(summary.values), "k.", markersize=3)
 
 
-def _lines(axes: Axes, chapter: Chapter, figure: Figure) -> None:
+def _bars_of_thesis(axes: Axes, stated: Sequence[Published], places: Sequence[int]) -> None:
+    spread = [p.deviation or 0.0 for p in stated]
+    axes.barh(places, [p.mean for p in stated], xerr=spread, color=PUBLISHED, alpha=0.6, capsize=3)
+
+
+def _spread(rows: Sequence[Summary]) -> list[list[float]]:
+    return [[s.mean - s.low for s in rows], [s.high - s.mean for s in rows]]
+
+
+def _lines(
+    panels: list[Axes], chapter: Chapter, figure: Figure, stated: dict[str, Published]
+) -> None:
+    """A line a value of `series`, with the same colour and mark in both panels."""
     series: dict[str, list[Summary]] = defaultdict(list)
-    for summary in chapter.summaries:
+    theirs: dict[str, list[Published]] = defaultdict(list)
+    for summary in chapter.summaries_of(figure.metric):
         series[str(summary.variant.values.get(figure.series, ""))].append(summary)
-    marks = "osv^Dp*"
-    for number, (name, points) in enumerate(series.items()):
-        points = sorted(points, key=lambda s: s.variant.values[figure.x])
-        xs = [s.variant.values[figure.x] for s in points]
-        ys = [s.mean for s in points]
-        spread = [[s.mean - s.low for s in points], [s.high - s.mean for s in points]]
-        color, mark = COLORS[number % len(COLORS)], marks[number % len(marks)]
-        axes.errorbar(xs, ys, spread, fmt=f"-{mark}", color=color, capsize=3, label=name)
-        stated = [(x, chapter.published(s.variant.name)) for x, s in zip(xs, points, strict=True)]
-        for x, number_stated in stated:
-            if number_stated is not None:
-                axes.plot(x, number_stated.mean, "D", mfc="none", color=color)
-    axes.set_xlabel(figure.x_label or metric_words(figure.x))
-    axes.set_ylabel(figure.y_label or metric_words(chapter.experiment.metric))
-    _legend(axes)
+    for number in stated.values():
+        values = chapter.variants[number.variant].values
+        theirs[str(values.get(figure.series, ""))].append(number)
+    for place, name in enumerate(dict.fromkeys([*series, *theirs])):
+        look = {"color": COLORS[place % len(COLORS)], "marker": MARKS[place % len(MARKS)]}
+        points = sorted(series[name], key=lambda s: s.variant.values[figure.x])
+        if points:
+            xs = [s.variant.values[figure.x] for s in points]
+            means = [s.mean for s in points]
+            panels[-1].errorbar(xs, means, _spread(points), capsize=3, label=name, **look)
+        numbers = [(chapter.variants[p.variant].values[figure.x], p) for p in theirs[name]]
+        if numbers:
+            numbers.sort(key=lambda pair: pair[0])
+            xs = [x for x, _ in numbers]
+            spread = [p.deviation or 0.0 for _, p in numbers]
+            panels[0].errorbar(xs, [p.mean for _, p in numbers], spread, capsize=3, **look)
+    _over_x(panels, chapter, figure)
+    legend(panels[-1])
 
 
-def _scatter(axes: Axes, chapter: Chapter, figure: Figure) -> None:
-    for summary in chapter.summaries:
+def _scatter(
+    panels: list[Axes], chapter: Chapter, figure: Figure, stated: dict[str, Published]
+) -> None:
+    for summary in chapter.summaries_of(figure.metric):
         x = summary.variant.values.get(figure.x)
         if x is not None:
-            spread = [[summary.mean - summary.low], [summary.high - summary.mean]]
-            axes.errorbar([x], [summary.mean], spread, fmt="o", color=COLORS[0], markersize=4)
-    axes.set_xlabel(figure.x_label or metric_words(figure.x))
-    axes.set_ylabel(figure.y_label or metric_words(chapter.experiment.metric))
+            spread = _spread([summary])
+            panels[-1].errorbar([x], [summary.mean], spread, fmt="o", color=COLORS[0], ms=4)
+    for number in stated.values():
+        x = chapter.variants[number.variant].values.get(figure.x)
+        if x is not None:
+            panels[0].errorbar([x], number.mean, number.deviation, fmt="D", color=PUBLISHED, ms=4)
+    _over_x(panels, chapter, figure)
 
 
-def _legend(axes: Axes) -> None:
-    handles, labels = axes.get_legend_handles_labels()
-    unique = {label: handle for handle, label in zip(handles, labels, strict=True) if label}
-    if unique:
-        axes.legend(unique.values(), unique.keys(), frameon=False)
+def _over_x(panels: list[Axes], chapter: Chapter, figure: Figure) -> None:
+    for axes in panels:
+        axes.set_xlabel(figure.x_label or metric_words(figure.x))
+        axes.set_ylabel(_label(chapter, figure))

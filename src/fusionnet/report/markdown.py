@@ -5,8 +5,8 @@ from collections.abc import Sequence
 from fusionnet.report.answer import ANSWER, answer_chapter, answer_words
 from fusionnet.report.chapters import Chapter
 from fusionnet.report.figures import draw, draw_answer
-from fusionnet.report.reading import metric_words, reading, verdict_sentence
-from fusionnet.report.tables import notes, table
+from fusionnet.report.reading import caption, reading, verdict_sentence
+from fusionnet.report.tables import HEAD, notes, table
 
 
 def markdown_page(chapters: Sequence[Chapter], images: str) -> tuple[str, dict[str, str]]:
@@ -36,11 +36,10 @@ def _section(chapter: Chapter, images: str, figures: dict[str, str]) -> list[str
     for number, figure in enumerate(experiment.figures):
         name = f"{experiment.name}-{number + 1}.svg"
         figures[name] = draw(chapter, figure)
-        like = f", like {figure.like}" if figure.like else ""
-        lines += [f"![{experiment.title}{like}]({images}/{name})", ""]
+        lines += [f"![{caption(experiment, figure)}]({images}/{name})", ""]
     lines += [
-        f"| variant | {metric_words(experiment.metric)} | 95 % interval | seeds | thesis |",
-        "| --- | --- | --- | --- | --- |",
+        f"| {' | '.join(HEAD)} |",
+        "| --- " * len(HEAD) + "|",
     ]
     for cells in table(chapter):
         lines.append(f"| {' | '.join(cells)} |")

@@ -7,8 +7,8 @@ from importlib import resources
 from fusionnet.report.answer import ANSWER, QUESTION, answer_chapter, answer_words
 from fusionnet.report.chapters import Chapter
 from fusionnet.report.figures import draw, draw_answer
-from fusionnet.report.reading import metric_words, reading, verdict_sentence
-from fusionnet.report.tables import notes, table
+from fusionnet.report.reading import caption, reading, verdict_sentence
+from fusionnet.report.tables import HEAD, notes, table
 
 PAGE = """<!doctype html>
 <html lang="en"><head><meta charset="utf-8">
@@ -20,6 +20,19 @@ PAGE = """<!doctype html>
 {sections}
 </main></body></html>
 """
+
+_MEANS = (
+    "Ours: mean and 95 % bootstrap interval over seeds. "
+    "The thesis: mean and standard deviation, as far as it states them."
+)
+WHISKERS = {
+    "bars": f"{_MEANS} Dots: single runs.",
+    "ranked": f"{_MEANS} Dots: single runs.",
+    "lines": _MEANS,
+    "scatter": _MEANS,
+    "curves": "Thin: single runs; thick: the mean of each variant.",
+}
+"""What the marks of each kind of figure mean."""
 
 
 def html_page(chapters: Sequence[Chapter]) -> str:
@@ -58,12 +71,10 @@ def _section(chapter: Chapter) -> str:
         return f"{head}</section>"
     figures = "".join(
         f"<figure>{draw(chapter, figure)}<figcaption>"
-        f"{escape(f'In the form of {figure.like}. ' if figure.like else '')}"
-        "Bars and whiskers: mean and 95 % bootstrap interval over seeds; dots: single runs; "
-        "open diamonds: the thesis.</figcaption></figure>"
+        f"{escape(caption(experiment, figure))}. {escape(WHISKERS.get(figure.kind, ''))}"
+        "</figcaption></figure>"
         for figure in experiment.figures
     )
-    titles = ("variant", metric_words(experiment.metric), "95 % interval", "seeds", "thesis")
     rows = "".join(
         "<tr>" + "".join(f"<td>{escape(cell)}</td>" for cell in cells) + "</tr>"
         for cells in table(chapter)
@@ -75,7 +86,7 @@ def _section(chapter: Chapter) -> str:
     )
     return (
         f"{head}{figures}<table><thead><tr>"
-        + "".join(f"<th>{escape(title)}</th>" for title in titles)
+        + "".join(f"<th>{escape(title)}</th>" for title in HEAD)
         + f"</tr></thead><tbody>{rows}</tbody></table><ul>{claims}</ul>"
         f'<p class="notes">{escape(notes(chapter))}</p></section>'
     )

@@ -1,6 +1,6 @@
 """What the numbers say, in two sentences, and no more than they bear."""
 
-from fusionnet.experiments import Judgement
+from fusionnet.experiments import Experiment, Figure, Judgement
 from fusionnet.report.chapters import Chapter
 
 ENOUGH_SEEDS = 3
@@ -24,20 +24,36 @@ def reading(chapter: Chapter) -> str:
 
 
 def _verdicts(chapter: Chapter) -> str:
+    """How many claims of the thesis, and expectations of ours, are borne out, and why not."""
     run = [j for j in chapter.judgements if j.verdict != "not run"]
     if not run:
         return "No claim of the thesis is tested by it."
     said = []
-    for verdict in ("agrees", "differs", "cannot tell"):
-        count = sum(j.verdict == verdict for j in run)
+    for source, whose in (("thesis", "the thesis's claims"), ("ours", "our own expectations")):
+        judged = [j for j in run if j.claim.source == source]
+        if judged:
+            said.append(f"of {whose} it {_counts(judged)}")
+    few = ""
+    if chapter.seeds < ENOUGH_SEEDS:
+        few = f" ({_seeds(chapter.seeds)}: too few to tell anything)"
+    elif any(j.verdict == "cannot tell" for j in run):
+        seeds = _seeds(chapter.seeds)
+        few = f" (it cannot tell where an interval of the difference holds zero over {seeds})"
+    text = ", and ".join(said)
+    return f"{text[0].upper()}{text[1:]}{few}."
+
+
+def _counts(judged: list[Judgement]) -> str:
+    said = []
+    for verdict, words in (
+        ("agrees", "agrees with"),
+        ("differs", "differs from"),
+        ("cannot tell", "cannot tell"),
+    ):
+        count = sum(j.verdict == verdict for j in judged)
         if count:
-            said.append(f"{verdict} {_with_what(verdict)} {count} of {len(run)}")
-    few = "" if chapter.seeds >= ENOUGH_SEEDS else " (too few seeds to tell anything)"
-    return f"Of the claims that it tests, it {', '.join(said)}{few}."
-
-
-def _with_what(verdict: str) -> str:
-    return {"agrees": "with", "differs": "from", "cannot tell": "of"}[verdict]
+            said.append(f"{words} {count} of {len(judged)}")
+    return ", ".join(said)
 
 
 def verdict_sentence(judgement: Judgement) -> str:
@@ -50,6 +66,12 @@ def verdict_sentence(judgement: Judgement) -> str:
         f"[{difference.low:+.3g}, {difference.high:+.3g}], "
         f"{_seeds(difference.seeds)}, p {difference.p_value:.2g}"
     )
+
+
+def caption(experiment: Experiment, figure: Figure) -> str:
+    """What a figure shows."""
+    like = f", in the form of the thesis's {figure.like}" if figure.like else ""
+    return f"{figure.title or experiment.title}{like}"
 
 
 def metric_words(metric: str) -> str:
