@@ -26,20 +26,22 @@ class Catalogue:
         package: Import path of the folder, for example `"fusionnet.robots"`.
         kind: What one entry is, for messages: `"robot"`.
         attribute: Name under which a module offers its object: `"ROBOT"`.
+        parts: Modules of the folder that are no entries of their own.
     """
 
-    def __init__(self, package: str, *, kind: str, attribute: str) -> None:
+    def __init__(
+        self, package: str, *, kind: str, attribute: str, parts: tuple[str, ...] = ()
+    ) -> None:
         self.package = package
         self.kind = kind
         self.attribute = attribute
+        self.parts = parts
 
     def names(self) -> list[str]:
         """The names of all entries, sorted."""
         folder = importlib.import_module(self.package)
-        found = (
-            m.name for m in pkgutil.iter_modules(folder.__path__) if not m.name.startswith("_")
-        )
-        return sorted(found)
+        found = (m.name for m in pkgutil.iter_modules(folder.__path__))
+        return sorted(n for n in found if not n.startswith("_") and n not in self.parts)
 
     def load(self, name: str) -> Any:
         """The object called `name`.

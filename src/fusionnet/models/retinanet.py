@@ -127,6 +127,11 @@ class RetinaNet(nn.Module):
             outputs["occupancy"] = self.occupancy_head(fine, coarse, pixels)
         return outputs
 
+    def levels(self, images: UInt8[Tensor, "b h w 3"]) -> list[Float[Tensor, "b c _ _"]]:
+        """The pyramid's levels that the box head reads, finest first."""
+        levels, _ = self._features(images)
+        return [levels[stride] for stride in self.config.boxes.strides]
+
     def _features(self, images: UInt8[Tensor, "b h w 3"]) -> tuple[dict[int, Tensor], Tensor]:
         """The pyramid's levels by stride, and the backbone's last map."""
         mean, deviation = (images.new_tensor(v, dtype=torch.float32) for v in self._normalisation())

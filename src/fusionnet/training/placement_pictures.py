@@ -8,7 +8,7 @@ noise (3.2.5) moves the cropped picture and its boxes.
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
@@ -76,6 +76,10 @@ class PlacementPictures:
 
     def __getitem__(self, index: int) -> tuple[UInt8[np.ndarray, "h w 3"], Boxes]:
         """The network's input, and the boxes in it."""
+        return self.read(index)[1:]
+
+    def read(self, index: int) -> tuple[dict[str, Any], UInt8[np.ndarray, "h w 3"], Boxes]:
+        """The stored columns, the network's input, and the boxes in it."""
         sample = self.samples[index]
         size = (int(sample["width"]), int(sample["height"]))
         image = decode(sample["image"]["bytes"], size, whole_frame(size, size))
@@ -84,7 +88,7 @@ class PlacementPictures:
         part = padded_to_aspect(image[top:bottom, left:right], self.frame.eye_size)
         how = cv2.INTER_AREA if place.scale[0] < 1 else cv2.INTER_LINEAR
         picture = cv2.resize(part, self.frame.input_size, interpolation=how)
-        return picture, place.boxes(sample, self.frame.input_size)
+        return sample, picture, place.boxes(sample, self.frame.input_size)
 
     def boxes(self, index: int) -> Boxes:
         """The boxes alone; nothing is decoded."""

@@ -19,6 +19,7 @@ from torchvision.ops import batched_nms, box_iou, clip_boxes_to_image, sigmoid_f
 
 from fusionnet.blocks import CLASS_NAMES
 from fusionnet.errors import InputError
+from fusionnet.models.heads._head import Example, Features, Head
 
 CLASSES = len(CLASS_NAMES)
 CANDIDATES = 1000
@@ -179,21 +180,9 @@ class BoxHead(nn.Module):
             "box": torch.stack(box_losses).mean() if box_losses else none,
         }
 
-    @torch.no_grad()
     def predict(self, outputs: BoxOutputs) -> list[Boxes]:
         """Boxes above the least score after suppression a class (thesis 4.1.3)."""
-        classes, offsets, anchors, size = outputs
-        found = []
-        for logits, offset in zip(classes, offsets, strict=True):
-            scores, flat = logits.sigmoid().flatten().topk(min(CANDIDATES, logits.numel()))
-            keep = scores > SCORE
-            scores, flat = scores[keep], flat[keep]
-            which, labels = flat // CLASSES, flat % CLASSES
-            boxes = self.coder.decode_single(offset[which], anchors[which])
-            boxes = clip_boxes_to_image(boxes, size)
-            kept = batched_nms(boxes, scores, labels, OVERLAP)
-            found.append(Boxes(boxes[kept], labels[kept], scores[kept]))
-        return found
+        return _found(outputs, self.coder)
 
     @staticmethod
     def metric(found: Sequence[Boxes], truth: Sequence[Boxes]) -> dict[str, float]:
@@ -203,6 +192,22 @@ class BoxHead(nn.Module):
         precision.update([_as_dict(boxes) for boxes in found], [_as_dict(b) for b in truth])
         measured = precision.compute()
         return {"map_50": float(measured["map_50"]), "map_50_95": float(measured["map"])}
+
+
+@torch.no_grad()
+def _found(outputs: BoxOutputs, coder: BoxCoder) -> list[Boxes]:
+    """Boxes above the least score after suppression a class (thesis 4.1.3)."""
+    classes, offsets, anchors, size = outputs
+    found = []
+    for logits, offset in zip(classes, offsets, strict=True):
+        scores, flat = logits.sigmoid().flatten().topk(min(CANDIDATES, logits.numel()))
+        keep = scores > SCORE
+        scores, flat = scores[keep], flat[keep]
+        which, labels = flat // CLASSES, flat % CLASSES
+        boxes = clip_boxes_to_image(coder.decode_single(offset[which], anchors[which]), size)
+        kept = batched_nms(boxes, scores, labels, OVERLAP)
+        found.append(Boxes(boxes[kept], labels[kept], scores[kept]))
+    return found
 
 
 def _as_dict(boxes: Boxes) -> dict[str, Tensor]:
@@ -226,3 +231,47 @@ def subnet(channels: int, config: BoxConfig, outputs: int) -> nn.Sequential:
     last = config.width if config.depth else channels
     layers.append(nn.Conv2d(last, outputs, config.kernel, padding=config.kernel // 2))
     return nn.Sequential(*layers)
+
+
+def found_boxes(outputs: BoxOutputs) -> list[Boxes]:
+    """Boxes of every picture above the least score, on the CPU, without the network."""
+    coder = BoxCoder(weights=(1.0, 1.0, 1.0, 1.0))
+    return [Boxes(b.xyxy.cpu(), b.classes.cpu(), b.scores.cpu()) for b in _found(outputs, coder)]
+
+
+class BoxesHead(Head):
+    """Where the blocks are: the regression subnet as a representation of FusionNet (7.1)."""
+
+    columns = ("boxes", "classes")
+    needs_anchors = True
+
+    @staticmethod
+    def target(example: Example) -> Boxes:
+        """The true boxes."""
+        return example.boxes
+
+    def forward(self, features: Features) -> BoxOutputs:
+        """Logits, offsets and anchors."""
+        outputs: BoxOutputs = features.anchors
+        return outputs
+
+    def loss(self, output: Any, targets: Sequence[Boxes], features: Features) -> Tensor:
+        """Smooth L1 of the offsets (thesis 4.1.2)."""
+        return features.anchor_losses(targets)["box"]
+
+    def predict(self, output: BoxOutputs) -> list[Boxes]:
+        """Blocks of each picture."""
+        return found_boxes(output)
+
+    @staticmethod
+    def metric(found: Sequence[Boxes], truth: Sequence[Boxes]) -> dict[str, float]:
+        """`box_iou`: mean overlap of each true box with the best box that was found."""
+        best = [
+            box_iou(true.xyxy, seen.xyxy).amax(dim=1) if len(seen.xyxy) else true.scores * 0.0
+            for seen, true in zip(found, truth, strict=True)
+        ]
+        overlaps = torch.cat(best) if best else torch.zeros(0)
+        return {"box_iou": float(overlaps.mean()) if len(overlaps) else 0.0}
+
+
+HEAD = BoxesHead

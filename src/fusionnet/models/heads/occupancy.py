@@ -1,16 +1,20 @@
 """Which block is in which of the 512 cells, and whether the gripper holds one.
 
-The thesis never tried this intermediate representation. Each cell's front, top and
-sides are projected into the picture with the estimated camera, the features there
-are gathered, and three-dimensional convolutions let cells reason about what hides
-what and what must stand below.
+The thesis never tried this intermediate representation. In the compact FusionNet each
+cell's front, top and sides are projected into the picture with the estimated camera, the
+features there are gathered, and three-dimensional convolutions let cells reason about what
+hides what and what must stand below.
 """
+
+from collections.abc import Sequence
 
 import torch
 from jaxtyping import Float, Int
 from torch import Tensor, nn
 
 from fusionnet.blocks import BLOCK_SIZE, CLASS_NAMES, GRID
+from fusionnet.errors import InputError
+from fusionnet.models.heads._head import Example, Features, Head, Shapes
 from fusionnet.models.heads.camera_pose import sample
 
 EMPTY = len(CLASS_NAMES)
@@ -116,3 +120,71 @@ def cell_points() -> Float[Tensor, "512 22 3"]:
     axis = torch.arange(GRID)
     corner = torch.cartesian_prod(axis, axis, axis)
     return (corner[:, None] + offsets[None]) * BLOCK_SIZE
+
+
+class OccupancyHead(Head):
+    """The occupancy as a representation of the thesis's FusionNet, which never tried it.
+
+    A level of the pyramid is brought to 8x8 places, one for each column of the grid as it
+    lies in the picture; convolutions move what they know to where it belongs.
+    """
+
+    columns = ("block_cells", "block_classes")
+
+    def __init__(self, shapes: Shapes) -> None:
+        super().__init__(shapes)
+        if not shapes.channels:
+            raise InputError("The occupancy is read from a pyramid; this vision has none.")
+        self.level = min(1, len(shapes.strides) - 1)
+        width = shapes.channels
+        self.columns_of = nn.Sequential(
+            nn.AdaptiveAvgPool2d(2 * GRID),
+            nn.Conv2d(width, width, 3, padding=1, stride=2),
+            nn.ReLU(inplace=True),
+            nn.Conv2d(width, width, 3, padding=1),
+            nn.ReLU(inplace=True),
+        )
+        self.place = nn.Parameter(torch.zeros(width, GRID, GRID))
+        self.classify = nn.Conv2d(width, GRID * (EMPTY + 1), 1)
+
+    @staticmethod
+    def target(example: Example) -> Int[Tensor, " 512"]:
+        """The class in each cell; `EMPTY` where none is."""
+        cells = torch.full((GRID**3,), EMPTY)
+        cells[torch.tensor(example.sample["block_cells"], dtype=torch.long)] = torch.tensor(
+            example.sample["block_classes"], dtype=torch.long
+        )
+        return cells
+
+    def forward(self, features: Features) -> Float[Tensor, "b 512 17"]:
+        """Logits of the classes a cell."""
+        # the lower right of the picture is cell (0, 0), where x and y are least
+        columns = self.columns_of(features.levels[self.level]).flip(2, 3) + self.place
+        logits = self.classify(columns).unflatten(1, (GRID, EMPTY + 1))
+        return logits.permute(0, 3, 4, 1, 2).flatten(1, 3)
+
+    def loss(
+        self,
+        output: Float[Tensor, "b 512 17"],
+        targets: Sequence[Int[Tensor, " 512"]],
+        features: Features,
+    ) -> Tensor:
+        """Cross-entropy, a mean over the cells."""
+        wanted = torch.stack(list(targets))
+        return nn.functional.cross_entropy(output.flatten(0, 1).float(), wanted.flatten())
+
+    def predict(self, output: Float[Tensor, "b 512 17"]) -> list[Int[Tensor, " 512"]]:
+        """The likeliest class of each cell."""
+        return list(output.argmax(dim=-1).cpu())
+
+    @staticmethod
+    def metric(
+        found: Sequence[Int[Tensor, " 512"]], truth: Sequence[Int[Tensor, " 512"]]
+    ) -> dict[str, float]:
+        """`blocks_right`: share of the blocks whose cell holds the right class."""
+        seen, true = torch.stack(list(found)), torch.stack(list(truth))
+        blocks = true != EMPTY
+        return {"blocks_right": float((seen == true)[blocks].float().mean())}
+
+
+HEAD = OccupancyHead
