@@ -72,7 +72,11 @@ def write_record(file: Path, trial: Trial, outcome: Outcome, seconds: float) -> 
         seconds=round(seconds, 2),
         provenance=provenance(),
     )
-    write_whole(file, json.dumps({"schema": SCHEMA, **asdict(record)}, indent=1) + "\n")
+    lines = [
+        f"{json.dumps(name)}: {json.dumps(value)}"
+        for name, value in {"schema": SCHEMA, **asdict(record)}.items()
+    ]
+    write_whole(file, "{\n" + ",\n".join(lines) + "\n}\n")
     return record
 
 
