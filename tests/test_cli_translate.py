@@ -6,8 +6,8 @@ import json
 import pytest
 
 from fusionnet.apps import cli
-from fusionnet.apps.translate import SHIPPED
 from fusionnet.models.translator import Translator
+from fusionnet.models.translators import translator_folder
 from fusionnet.rcl import parse
 
 SENTENCE = "pick up the red cube and put it on the white-gray tower"
@@ -22,10 +22,11 @@ TREE = (
 @pytest.fixture(scope="module", autouse=True)
 def translator_read_once():
     """The shipped translator, read from its folder once for all tests."""
-    shipped = Translator.from_folder(SHIPPED)
+    folder = translator_folder("compact")
+    shipped = Translator.from_folder(folder)
     read = Translator.from_folder
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(Translator, "from_folder", lambda f: shipped if f == SHIPPED else read(f))
+        patch.setattr(Translator, "from_folder", lambda f: shipped if f == folder else read(f))
         yield
 
 

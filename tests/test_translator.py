@@ -25,7 +25,7 @@ from fusionnet.errors import (
     TreeError,
     UnknownNameError,
 )
-from fusionnet.evaluation.translation import SHIPPED, TranslationEvaluation, evaluate, measure
+from fusionnet.evaluation.translation import TranslationEvaluation, evaluate, measure
 from fusionnet.models.beam_search import beam_search
 from fusionnet.models.grounded_reading import grounded
 from fusionnet.models.reading import Reading
@@ -35,6 +35,7 @@ from fusionnet.models.translator_network import (
     TranslatorNetwork,
     TranslatorNetworkConfig,
 )
+from fusionnet.models.translators import load_translator
 from fusionnet.models.tree_symbols import (
     END,
     MARKERS,
@@ -146,7 +147,7 @@ def treebank(data_folder) -> Corpus:
 
 @pytest.fixture(scope="module")
 def shipped() -> Translator:
-    return Translator.from_folder(SHIPPED)
+    return load_translator("compact")
 
 
 # --- symbols ---------------------------------------------------------------------------

@@ -63,7 +63,9 @@ COMMANDS = {
     "train detector": Entry(
         "pictures to blocks", "fusionnet.apps.train:detector", "DETECTOR_PRESETS"
     ),
-    "train translator": Entry("sentences to trees", "fusionnet.apps.train:translator"),
+    "train translator": Entry(
+        "sentences to trees", "fusionnet.apps.train:translator", "TRANSLATOR_PRESETS"
+    ),
     "train fusion": Entry("both to joint angles", "fusionnet.apps.train:fusion"),
     "reproduce": Entry(
         "run the experiments of the thesis, and ours", "fusionnet.apps.reproduce:reproduce"

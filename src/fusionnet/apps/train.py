@@ -9,6 +9,8 @@ from fusionnet.training.fusion import FusionConfig
 from fusionnet.training.fusion import train as train_fusion
 from fusionnet.training.thesis_detector import ThesisDetectorConfig
 from fusionnet.training.thesis_detector import train as train_thesis_detector
+from fusionnet.training.transformer import ThesisTranslatorConfig
+from fusionnet.training.transformer import train as train_transformer
 from fusionnet.training.translator import TranslatorConfig
 from fusionnet.training.translator import train as train_translator
 
@@ -30,13 +32,21 @@ def detector(config: DetectorConfig | ThesisDetectorConfig) -> dict[str, Any]:
 DETECTOR_PRESETS = {"compact": DetectorConfig, "thesis": ThesisDetectorConfig}
 
 
-def translator(config: TranslatorConfig) -> dict[str, Any]:
-    """Train the translator: a sentence to its tree.
+def translator(config: TranslatorConfig | ThesisTranslatorConfig) -> dict[str, Any]:
+    """Train a translator: a sentence to its tree.
 
-    Prints its metrics on the commands kept apart as JSON.
+    --preset compact (what we ship): short runs of symbols, and the words of each.
+    --preset thesis: the thesis's Transformer, to the text of the tree.
+    Put `--preset NAME --help` for the options of one. Prints its metrics on the commands
+    kept apart as JSON.
     """
     with bars() as bar:
+        if isinstance(config, ThesisTranslatorConfig):
+            return train_transformer(config, progress=bar("training"))
         return train_translator(config, progress=bar("training"))
+
+
+TRANSLATOR_PRESETS = {"compact": TranslatorConfig, "thesis": ThesisTranslatorConfig}
 
 
 def fusion(config: FusionConfig) -> dict[str, Any]:

@@ -23,10 +23,10 @@ from fusionnet.apps.tree_drawing import draw_tree
 from fusionnet.apps.tree_text import tree_text
 from fusionnet.blocks import Layout
 from fusionnet.errors import InputError, NotUnderstoodError, OutputError, PlanningError
-from fusionnet.evaluation.translation import SHIPPED
 from fusionnet.models.grounded_reading import GroundedReading, grounded
 from fusionnet.models.reading import Reading
-from fusionnet.models.translator import Translator
+from fusionnet.models.sentence_reader import SentenceReader
+from fusionnet.models.translators import load_translator
 from fusionnet.sentences import tokenize
 
 LINES_AT_ONCE = 512
@@ -69,7 +69,7 @@ class TranslateConfig:
     """A file (.png or .svg) to draw the tree into."""
 
     checkpoint: Path | None = None
-    """Folder of a translator; by default the shipped one."""
+    """Folder of a translator, or a shipped name: compact (the default) or thesis."""
 
     json: bool = False
     """Print one JSON object (a line each for standard input)."""
@@ -83,7 +83,7 @@ def translate(config: TranslateConfig) -> int:
     the reasons to standard error. With a scene, the reading that fits it is taken.
     """
     layout = _layout(config)
-    translator = Translator.from_folder(config.checkpoint or SHIPPED)
+    translator = load_translator(config.checkpoint)
     if config.sentence is None:
         return _translate_lines(config, translator, layout)
     holding = {"yes": True, "no": False, "unknown": None}[config.holding]
@@ -130,7 +130,9 @@ def _chosen(
         return None, str(error)
 
 
-def _translate_lines(config: TranslateConfig, translator: Translator, layout: Layout | None) -> int:
+def _translate_lines(
+    config: TranslateConfig, translator: SentenceReader, layout: Layout | None
+) -> int:
     """Translate standard input; the status is 1 if a line was not understood or cannot be done."""
     holding = {"yes": True, "no": False, "unknown": None}[config.holding]
     if layout is not None:

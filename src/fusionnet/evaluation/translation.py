@@ -18,14 +18,13 @@ from fusionnet.corpora import Command, load_corpus
 from fusionnet.errors import InputError, PlanningError
 from fusionnet.models.grounded_reading import grounded
 from fusionnet.models.reading import Reading
-from fusionnet.models.translator import Translator
+from fusionnet.models.sentence_reader import SentenceReader
+from fusionnet.models.translators import load_translator
 from fusionnet.randomness import generator
 from fusionnet.rcl import Entity, Event, SpatialRelation, Tree, format
 from fusionnet.rcl import Sequence as EventSequence
-from fusionnet.sentences import perturb, words_of
+from fusionnet.sentences import perturb
 from fusionnet.training.splits import Split, commands_of
-
-SHIPPED = Path(__file__).resolve().parent.parent / "weights" / "compact" / "translator"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -36,7 +35,7 @@ class TranslationEvaluation:
         corpus: Where the commands come from.
         data: Folder of the corpus.
         split: Which of its commands; "all" for a corpus that was never learnt from.
-        checkpoint: Folder of the translator; by default the shipped one.
+        checkpoint: Folder of the translator, or a shipped name: compact (the default), thesis.
         beam: Width of the search.
         skip_bad: Leave unreadable records out instead of refusing the whole corpus.
         perturbations: How many of the eight perturbations each sentence suffers, 0 to 8.
@@ -77,7 +76,7 @@ def evaluate(config: TranslationEvaluation) -> dict[str, Any]:
         raise InputError(f"The corpus {config.corpus!r} has no commands in split {config.split!r}.")
     if config.perturbations:
         commands = [perturbed(command, config.perturbations) for command in commands]
-    translator = Translator.from_folder(config.checkpoint or SHIPPED)
+    translator = load_translator(config.checkpoint)
     measured = measure(translator, commands, beam=config.beam)
     if not config.failures:
         measured.pop("failures")
@@ -97,13 +96,13 @@ def perturbed(command: Command, count: int) -> Command:
 
 
 def measure(
-    translator: Translator, commands: Sequence[Command], *, beam: int = 10
+    translator: SentenceReader, commands: Sequence[Command], *, beam: int = 10
 ) -> dict[str, Any]:
     """The numbers of `evaluate` for any commands."""
     held = [command.scene.before.held is not None for command in commands]
     began = time.perf_counter()
     readings = [
-        translator.read([words_of(c.sentence)], [h], beam=beam)[0]
+        translator.read([c.sentence], [h], beam=beam)[0]
         for c, h in zip(commands, held, strict=True)
     ]
     seconds = time.perf_counter() - began
@@ -113,7 +112,7 @@ def measure(
         bool(r) and r[0].tree == c.tree for c, r in zip(commands, stateless, strict=True)
     ]
     accuracy, entropy = translator.teacher_forced(
-        [words_of(c.sentence) for c in commands], held, [c.tree for c in commands]
+        [c.sentence for c in commands], held, [c.tree for c in commands]
     )
     failures = [
         {
@@ -141,13 +140,13 @@ def measure(
 
 
 def _read(
-    translator: Translator, commands: Sequence[Command], beam: int, size: int = 32
+    translator: SentenceReader, commands: Sequence[Command], beam: int, size: int = 32
 ) -> list[tuple[Reading, ...]]:
     """All commands in batches, the gripper's state hidden."""
     found: list[tuple[Reading, ...]] = []
     for start in range(0, len(commands), size):
-        words = [words_of(c.sentence) for c in commands[start : start + size]]
-        found += translator.read(words, [None] * len(words), beam=beam, count=1)
+        said = [c.sentence for c in commands[start : start + size]]
+        found += translator.read(said, [None] * len(said), beam=beam, count=1)
     return found
 
 

@@ -6,6 +6,7 @@ search ends as soon as the wanted number of best runs is complete.
 """
 
 from dataclasses import dataclass
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 import torch
@@ -13,10 +14,54 @@ from jaxtyping import Float, Int
 from torch import Tensor
 from torch.nn.functional import log_softmax, softmax
 
-from fusionnet.models.translator_network import Memory, SentenceBatch, TranslatorNetwork
-from fusionnet.models.tree_symbols import END, LONGEST_RUN, NUMBERS, PADDING, START
+from fusionnet.models.translator_network import SentenceBatch, TranslatorNetwork
+from fusionnet.models.tree_symbols import END, LONGEST_RUN, NUMBERS, PADDING, START, SYMBOLS
 
-_END, _PADDING, _START = NUMBERS[END], NUMBERS[PADDING], NUMBERS[START]
+
+@dataclass(frozen=True)
+class Alphabet:
+    """The numbers that a network writes, and which of them are marks.
+
+    Attributes:
+        size: How many numbers there are.
+        start: What every run begins with.
+        end: What every run ends with.
+        padding: What stands behind the end.
+        never: Further numbers that are never written.
+    """
+
+    size: int
+    start: int
+    end: int
+    padding: int
+    never: tuple[int, ...] = ()
+
+
+TREE_SYMBOLS = Alphabet(len(SYMBOLS), NUMBERS[START], NUMBERS[END], NUMBERS[PADDING])
+"""Those of `tree_symbols`."""
+
+
+@runtime_checkable
+class DecoderMemory(Protocol):
+    """What a network keeps of sentences while it writes."""
+
+    @property
+    def mask(self) -> Tensor:
+        """Which places hold words, a row a sentence."""
+
+    def repeated(self, times: int) -> Any:
+        """Every sentence `times` times."""
+
+
+@runtime_checkable
+class StepwiseDecoder(Protocol):
+    """A network that writes one symbol after the other."""
+
+    def start(self, memory: Any) -> Any:
+        """The state before the first symbol; its `rows(index)` chooses hypotheses."""
+
+    def step(self, symbols: Tensor, state: Any, memory: Any) -> tuple[Tensor, Tensor, Any]:
+        """Logits of the next symbol, logarithms of the heads' attention, the next state."""
 
 
 @dataclass(frozen=True)
@@ -26,13 +71,13 @@ class Hypothesis:
     Attributes:
         numbers: Its symbols, without start and end.
         log_probability: Natural logarithm of its probability.
-        attention: Attention of the two heads (first word, last word) over the words,
-            the gripper's state first, for each symbol.
+        attention: Attention of the heads over the words, for each symbol; of our own
+            translator two (first word, last word), with the gripper's state before the words.
     """
 
     numbers: tuple[int, ...]
     log_probability: float
-    attention: Float[np.ndarray, "s 2 t"]
+    attention: Float[np.ndarray, "s h t"]
 
 
 @torch.inference_mode()
@@ -53,48 +98,62 @@ def beam_search(
         count: How many are wanted, at most `beam`; fewer come back where fewer ended.
         longest: Symbols after which a run is given up.
     """
-    return decode(network, network.encode(batch), beam=beam, count=count, longest=longest)
+    memory = network.encode(batch)
+    return decode(network, memory, TREE_SYMBOLS, beam=beam, count=count, longest=longest)
 
 
 @torch.inference_mode()
 def decode(
-    network: TranslatorNetwork, memory: Memory, *, beam: int, count: int, longest: int
+    network: StepwiseDecoder,
+    memory: DecoderMemory,
+    alphabet: Alphabet,
+    *,
+    beam: int,
+    count: int,
+    longest: int,
 ) -> list[list[Hypothesis]]:
-    """`beam_search` behind the encoder."""
-    sentences, size = memory.mask.shape[0], network.config.symbols
+    """`beam_search` behind the encoder, for any network that writes step by step."""
+    sentences, size = memory.mask.shape[0], alphabet.size
     wide = memory.repeated(beam)
     state = network.start(wide)
     first = torch.arange(sentences).unsqueeze(1) * beam
     totals = torch.full((sentences, beam), -torch.inf)
     totals[:, 0] = 0
-    current = torch.full((sentences * beam,), _START)
+    current = torch.full((sentences * beam,), alphabet.start)
     finished = torch.zeros(sentences * beam, dtype=torch.bool)
     only_padding = torch.full((size,), -torch.inf)
-    only_padding[_PADDING] = 0
+    only_padding[alphabet.padding] = 0
     never = torch.zeros(size)
-    never[[_PADDING, _START]] = -torch.inf
+    never[[alphabet.padding, alphabet.start, *alphabet.never]] = -torch.inf
     steps: list[tuple[Tensor, Tensor, Tensor]] = []
     for _ in range(longest + 1):
         logits, scores, state = network.step(current, state, wide)
         gains = log_softmax(logits + never, -1)
         gains = torch.where(finished.unsqueeze(1), only_padding, gains)
-        reached = (totals.unsqueeze(-1) + gains.unflatten(0, (sentences, beam))).flatten(1)
-        totals, chosen = reached.topk(beam, dim=1)
-        parents = (first + chosen // size).flatten()
-        current = (chosen % size).flatten()
+        if beam == 1:  # every hypothesis goes on from itself
+            gained, current = gains.max(-1)
+            totals, parents = totals + gained.unsqueeze(1), first.flatten()
+        else:
+            reached = (totals.unsqueeze(-1) + gains.unflatten(0, (sentences, beam))).flatten(1)
+            totals, chosen = reached.topk(beam, dim=1)
+            parents = (first + chosen // size).flatten()
+            current = (chosen % size).flatten()
+            state = state.rows(parents)
+            finished = finished[parents]
         steps.append((parents, current, scores))
-        state = state.rows(parents)
-        finished = finished[parents] | (current == _END)
+        finished = finished | (current == alphabet.end)
         if bool(finished.view(sentences, beam)[:, :count].all()):
             break
-    return _collect(steps, totals, finished.view(sentences, beam), count)
+    marks = (alphabet.end, alphabet.padding)
+    return _collect(steps, totals, finished.view(sentences, beam), count, marks)
 
 
 def _collect(
-    steps: list[tuple[Int[Tensor, " n"], Int[Tensor, " n"], Float[Tensor, "n 2 t"]]],
+    steps: list[tuple[Int[Tensor, " n"], Int[Tensor, " n"], Float[Tensor, "n h t"]]],
     totals: Float[Tensor, "b k"],
     finished: Tensor,
     count: int,
+    marks: tuple[int, int],
 ) -> list[list[Hypothesis]]:
     """Follow every finished beam back to its beginning."""
     parents = [p.numpy() for p, _, _ in steps]
@@ -111,11 +170,11 @@ def _collect(
             row, numbers, looked = sentence * beam + place, [], []
             for step in reversed(range(len(steps))):
                 number, row = int(symbols[step][row]), int(parents[step][row])
-                if number not in (_END, _PADDING):
+                if number not in marks:
                     numbers.append(number)
                     looked.append(attention[step][row])
-            width = attention[0].shape[-1]
-            stacked = np.stack(looked[::-1]) if looked else np.zeros((0, 2, width), np.float32)
+            nothing = np.zeros((0, *attention[0].shape[1:]), np.float32)
+            stacked = np.stack(looked[::-1]) if looked else nothing
             best.append(Hypothesis(tuple(numbers[::-1]), total, stacked))
         found.append(best)
     return found

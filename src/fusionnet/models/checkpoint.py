@@ -132,6 +132,15 @@ def load_checkpoint(folder: Path, kind: str) -> Checkpoint:
     return Checkpoint(kind=kind, config=config, tensors=tensors, metadata=metadata)
 
 
+def checkpoint_kind(folder: Path) -> str:
+    """The kind of model that a checkpoint folder holds.
+
+    Raises:
+        CheckpointError: If there is no readable checkpoint.
+    """
+    return str(_read_config(folder).get("kind"))
+
+
 def restore(model: torch.nn.Module, tensors: Mapping[str, torch.Tensor], folder: Path) -> None:
     """Fill a model from a checkpoint's tensors.
 

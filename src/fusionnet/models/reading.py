@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from fusionnet.errors import NotUnderstoodError
+from fusionnet.errors import NotUnderstoodError, TreeError
 from fusionnet.models.tree_symbols import symbols_of
 from fusionnet.rcl import Tree
 from fusionnet.sentences import Vocabulary, Words, edits, shortened
@@ -46,10 +46,10 @@ class Reading:
         tree: What it asks for; every leaf carries the positions of its words.
         probability: As the network sees it, among all readings.
         log_probability: Its natural logarithm.
-        symbols: The tree as the network wrote it, one name a symbol.
-        words: The sentence's words as the network read them.
-        attention: How much each symbol looked at each word; rows sum to at most 1, the
-            rest went to the gripper's state.
+        symbols: The tree as the network wrote it, one name a symbol (or token of its text).
+        words: The sentence's words (or tokens) as the network read them.
+        attention: How much each symbol looked at each word, all heads together; rows sum to
+            at most 1, the rest went to the gripper's state.
     """
 
     tree: Tree
@@ -81,7 +81,11 @@ def refuse_what_is_no_command(
     if changing:
         raise _not_understood(sentence, changing, vocabulary)
     unknown = set(strange)
-    for symbol in symbols_of(best.tree):
+    try:
+        symbols = symbols_of(best.tree)
+    except TreeError:  # a tree as no corpus has one
+        raise _not_understood(sentence, strange, vocabulary) from None
+    for symbol in symbols:
         if not symbol.is_leaf:
             continue
         said = [

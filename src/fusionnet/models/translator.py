@@ -5,7 +5,6 @@ read from. A sentence that is no command gets an explanation instead of a tree.
 """
 
 import contextlib
-import functools
 import math
 from collections.abc import Sequence
 from dataclasses import asdict
@@ -18,10 +17,11 @@ from jaxtyping import Float
 from torch import Tensor
 from torch.nn.functional import cross_entropy
 
-from fusionnet.errors import CheckpointError, InputError, NotUnderstoodError, TreeError
+from fusionnet.errors import CheckpointError, TreeError
 from fusionnet.models.beam_search import Hypothesis, beam_search
 from fusionnet.models.checkpoint import load_checkpoint, restore, save_checkpoint
-from fusionnet.models.reading import Reading, refuse_what_is_no_command
+from fusionnet.models.reading import Reading
+from fusionnet.models.sentence_reader import SentenceReader
 from fusionnet.models.translator_network import (
     SentenceBatch,
     TranslatorNetwork,
@@ -40,16 +40,13 @@ from fusionnet.models.tree_symbols import (
     tree_of,
 )
 from fusionnet.rcl import Tree
-from fusionnet.sentences import Vocabulary, Words, readable_words, unjoined
+from fusionnet.sentences import Vocabulary, Words, readable_words, unjoined, words_of
 
 KIND = "translator"
 
-SENTENCES_AT_ONCE = 32
-"""How many sentences are read together, where there are many."""
 
-
-class Translator:
-    """Sentences to trees with a trained network.
+class Translator(SentenceReader):
+    """The translator that we ship: short runs of symbols, and the words of each.
 
     Args:
         network: The trained network.
@@ -63,9 +60,9 @@ class Translator:
                 f"The translator's network has {sizes[0]} words and {sizes[1]} symbols, its "
                 f"vocabulary {len(vocabulary)} and {len(SYMBOLS)}; it belongs to another release."
             )
-        self.network = network.eval()
+        super().__init__(network, vocabulary)
+        self.network: TranslatorNetwork
         self.vocabulary = vocabulary
-        self._cached = functools.lru_cache(maxsize=256)(self._translate)
 
     @classmethod
     def from_folder(cls, folder: Path | str) -> "Translator":
@@ -107,70 +104,9 @@ class Translator:
             folder, kind=KIND, config=config, tensors=tensors, metadata=metadata, half=half
         )
 
-    def translate(
-        self, sentence: str, *, holding: bool | None = None, beam: int = 10, count: int = 5
-    ) -> tuple[Reading, ...]:
-        """The readings of a sentence, the most probable first.
-
-        Args:
-            sentence: What a person typed.
-            holding: Whether the gripper holds a block; None when that is not known. By
-                it "put" means to move a block or to drop the held one.
-            beam: Width of the search, from 1 (greedy) to 100.
-            count: Readings wanted, at most.
-
-        Raises:
-            InputError: If `beam` or `count` is out of range.
-            NotUnderstoodError: If it is empty, too long, or no command in English;
-                the message says which words are not known.
-        """
-        if not (1 <= beam <= 100 and 1 <= count):
-            raise InputError(f"A beam is 1 to 100 wide, a count at least 1; got {beam}, {count}.")
-        return self._cached(sentence, holding, beam, count)
-
-    def translate_many(
-        self,
-        sentences: Sequence[str],
-        *,
-        holding: bool | None = None,
-        beam: int = 10,
-        count: int = 1,
-    ) -> list[tuple[Reading, ...] | NotUnderstoodError]:
-        """The readings of many sentences, or why one has none; together they take less time.
-
-        Sentences of like length are read together, and what is said twice is read once.
-        """
-        found: dict[str, tuple[Reading, ...] | NotUnderstoodError] = {}
-        readable: list[tuple[str, Words]] = []
-        for sentence in dict.fromkeys(sentences):
-            try:
-                readable.append((sentence, readable_words(sentence)))
-            except NotUnderstoodError as error:
-                found[sentence] = error
-        readable.sort(key=lambda pair: len(pair[1]))
-        for start in range(0, len(readable), SENTENCES_AT_ONCE):
-            part = readable[start : start + SENTENCES_AT_ONCE]
-            states = [holding] * len(part)
-            read = self.read([words for _, words in part], states, beam=beam, count=count)
-            for (sentence, words), readings in zip(part, read, strict=True):
-                try:
-                    refuse_what_is_no_command(sentence, words, readings, self.vocabulary)
-                    found[sentence] = readings
-                except NotUnderstoodError as error:
-                    found[sentence] = error
-        return [found[sentence] for sentence in sentences]
-
-    def _translate(
-        self, sentence: str, holding: bool | None, beam: int, count: int
-    ) -> tuple[Reading, ...]:
-        words = readable_words(sentence)
-        [readings] = self.read([words], [holding], beam=beam, count=count)
-        refuse_what_is_no_command(sentence, words, readings, self.vocabulary)
-        return readings
-
     def read(
         self,
-        sentences: Sequence[Words],
+        sentences: Sequence[str],
         holding: Sequence[bool | None],
         *,
         beam: int = 10,
@@ -180,12 +116,12 @@ class Translator:
 
         Nothing is refused here: strange words are read as well as they can be.
         """
-        sentences = [unjoined(words, self.vocabulary) for words in sentences]
+        said = [unjoined(words_of(sentence), self.vocabulary) for sentence in sentences]
         spare = min(beam, count + 2)  # should a run be no tree
-        found = beam_search(self.network, self._batch(sentences, holding), beam=beam, count=spare)
+        found = beam_search(self.network, self._batch(said, holding), beam=beam, count=spare)
         return [
             tuple(r for h in hypotheses if (r := _reading(h, words)) is not None)[:count]
-            for words, hypotheses in zip(sentences, found, strict=True)
+            for words, hypotheses in zip(said, found, strict=True)
         ]
 
     @torch.inference_mode()
@@ -204,7 +140,7 @@ class Translator:
     @torch.inference_mode()
     def teacher_forced(
         self,
-        sentences: Sequence[Words],
+        sentences: Sequence[str],
         holding: Sequence[bool | None],
         trees: Sequence[Tree],
         size: int = 64,
@@ -214,9 +150,9 @@ class Translator:
         Trees that the symbols cannot write are left out.
         """
         rows = []
-        for words, held, tree in zip(sentences, holding, trees, strict=True):
+        for sentence, held, tree in zip(sentences, holding, trees, strict=True):
             with contextlib.suppress(TreeError):
-                rows.append((words, held, [NUMBERS[s.name] for s in symbols_of(tree)]))
+                rows.append((words_of(sentence), held, [NUMBERS[s.name] for s in symbols_of(tree)]))
         right, entropy, counted = 0, 0.0, 0
         for start in range(0, len(rows), size):
             part = rows[start : start + size]

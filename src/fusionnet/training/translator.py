@@ -21,6 +21,7 @@ from torch.nn.functional import cross_entropy
 
 from fusionnet.corpora import Command, load_corpus, synthetic
 from fusionnet.errors import DataError
+from fusionnet.models.sentence_reader import SentenceReader
 from fusionnet.models.translator import Translator
 from fusionnet.models.translator_network import (
     STATES,
@@ -32,7 +33,7 @@ from fusionnet.models.translator_network import (
 )
 from fusionnet.models.tree_symbols import END, NUMBERS, PADDING, START
 from fusionnet.randomness import derived_seed, generator
-from fusionnet.sentences import UNKNOWN, Vocabulary, words_of
+from fusionnet.sentences import UNKNOWN, Vocabulary
 from fusionnet.sentences.phrases import COLOR_PHRASES, NUMBER_WORDS, OPENINGS, SYNONYMS
 from fusionnet.training.aligned_sentences import AlignedSentence, aligned_all
 from fusionnet.training.loop import LoopConfig, Progress, fit
@@ -258,13 +259,13 @@ def rarity(sentences: Sequence[AlignedSentence]) -> Float[np.ndarray, " n"]:
     return weights / weights.sum()
 
 
-def exact(translator: Translator, commands: Sequence[Command], size: int = 64) -> float:
+def exact(translator: SentenceReader, commands: Sequence[Command], size: int = 64) -> float:
     """Share of commands whose most probable tree is the right one."""
     right = 0
     for start in range(0, len(commands), size):
         part = commands[start : start + size]
         found = translator.read(
-            [words_of(c.sentence) for c in part],
+            [c.sentence for c in part],
             [c.scene.before.held is not None for c in part],
             count=1,
         )
