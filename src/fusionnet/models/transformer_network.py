@@ -1,0 +1,362 @@
+"""The thesis's Transformer: tokens in, tokens out, and the nodes that the fusion takes.
+
+Encoder and decoder are those of Vaswani et al.: attention and a feed-forward layer, each
+with a residual connection, dropout before the addition, and normalisation behind it. The
+size of a head's queries, keys and values is a number of its own (d_a), so that it need
+not divide the size of the embedding. Beside the output layer stands the *fusion
+sublayer*: the same layer with a few nodes in place of the vocabulary.
+
+References:
+    Thesis, sections 2.1.11 and 4.2.1, tables 5.1 and 7.1. Vaswani et al. (2017),
+    Attention Is All You Need.
+"""
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import torch
+from jaxtyping import Bool, Float, Int
+from torch import Tensor, nn
+from torch.nn.functional import layer_norm, relu, scaled_dot_product_attention, softmax
+
+from fusionnet.errors import CheckpointError
+from fusionnet.sentences.vocabulary import PADDING
+
+NORMALISATION_EPSILON = 1e-6
+"""Added to the deviation in every normalisation (4.2.2)."""
+
+_NOWHERE = -1e9
+
+
+@dataclass(frozen=True, kw_only=True)
+class TransformerConfig:
+    """The sizes of the network; the defaults are those of table 7.1 (section 5.4).
+
+    Attributes:
+        source_words: Numbers in the vocabulary of what is read.
+        target_words: Numbers in the vocabulary of what is written.
+        embedding_size: d_emb, of both vocabularies; also the width of the network.
+        layers: N_m, in the encoder and in the decoder.
+        heads: N_h, of every attention.
+        attention_size: d_a, of a head's queries, keys and values.
+        feed_forward_size: d_ff.
+        fusion_nodes: D, nodes of the fusion sublayer for each token written.
+        longest: l_seq, tokens of a source and of a target, their marks included.
+        dropout: P_drop.
+    """
+
+    source_words: int
+    target_words: int
+    embedding_size: int = 50
+    layers: int = 4
+    heads: int = 4
+    attention_size: int = 12
+    feed_forward_size: int = 256
+    fusion_nodes: int = 4
+    longest: int = 200
+    dropout: float = 0.1
+
+    def __post_init__(self) -> None:
+        """Refuse sizes that build no network."""
+        sizes = {k: v for k, v in asdict(self).items() if k != "dropout"}
+        if any(not isinstance(v, int) or not 1 <= v <= 100_000 for v in sizes.values()):
+            raise CheckpointError(f"A Transformer's sizes are whole numbers from 1; got {sizes}.")
+        if not isinstance(self.dropout, int | float) or not 0 <= self.dropout < 1:
+            raise CheckpointError(f"A dropout is at least 0 and below 1; got {self.dropout}.")
+
+    @property
+    def model_size(self) -> int:
+        """d_model of equation 4.1: the outputs of all heads together."""
+        return self.heads * self.attention_size
+
+
+def base(source_words: int, target_words: int) -> TransformerConfig:
+    """The Transformer that the thesis's experiments begin with (table 5.1)."""
+    return TransformerConfig(
+        source_words=source_words, target_words=target_words, heads=2, feed_forward_size=128
+    )
+
+
+def thesis(source_words: int, target_words: int) -> TransformerConfig:
+    """The Transformer that the thesis ends with (table 7.1, section 5.4)."""
+    return TransformerConfig(source_words=source_words, target_words=target_words)
+
+
+Pair = tuple[Float[Tensor, "b h t d"], Float[Tensor, "b h t d"]]
+"""Keys and values of an attention."""
+
+
+@dataclass(frozen=True)
+class SourceMemory:
+    """What is kept of sentences: computed once, read at every step.
+
+    Attributes:
+        features: The encoder's vectors.
+        pairs: For each layer of the decoder, keys and values of its look at the source.
+        mask: Which places hold tokens.
+        full: Whether all do, so that nothing need be masked.
+    """
+
+    features: Float[Tensor, "b t e"]
+    pairs: tuple[Pair, ...]
+    mask: Bool[Tensor, "b t"]
+    full: bool
+
+    def repeated(self, times: int) -> "SourceMemory":
+        """Every sentence `times` times, for a beam of that width."""
+        if times == 1:
+            return self
+        return SourceMemory(
+            self.features.repeat_interleave(times, 0),
+            tuple(
+                (k.repeat_interleave(times, 0), v.repeat_interleave(times, 0))
+                for k, v in self.pairs
+            ),
+            self.mask.repeat_interleave(times, 0),
+            self.full,
+        )
+
+    @property
+    def attention_mask(self) -> Bool[Tensor, "b 1 1 t"] | None:
+        """The mask as attention takes it; None where nothing is masked."""
+        return None if self.full else self.mask[:, None, None]
+
+
+@dataclass(frozen=True)
+class TargetCache:
+    """Keys and values of the tokens written so far, for each layer."""
+
+    pairs: tuple[Pair, ...]
+    length: int = 0
+
+    def rows(self, index: Int[Tensor, " n"]) -> "TargetCache":
+        """The hypotheses with these numbers."""
+        return TargetCache(tuple((k[index], v[index]) for k, v in self.pairs), self.length)
+
+
+class Attention(nn.Module):
+    """Multi-head attention whose heads have a size of their own.
+
+    Args:
+        size: Of what comes in and goes out.
+        heads: How many.
+        head_size: Of each head's queries, keys and values.
+
+    References:
+        Thesis, equation 2.27 and figure 2.8.
+    """
+
+    def __init__(self, size: int, heads: int, head_size: int) -> None:
+        super().__init__()
+        self.heads = heads
+        self.query = nn.Linear(size, heads * head_size, bias=False)
+        self.key = nn.Linear(size, heads * head_size, bias=False)
+        self.value = nn.Linear(size, heads * head_size, bias=False)
+        self.output = nn.Linear(heads * head_size, size)
+
+    def pair(self, given: Float[Tensor, "b t e"]) -> Pair:
+        """Keys and values of what is looked at."""
+        return self._split(self.key(given)), self._split(self.value(given))
+
+    def forward(
+        self,
+        asking: Float[Tensor, "b s e"],
+        pair: Pair,
+        mask: Bool[Tensor, "b 1 1 t"] | None = None,
+        causal: bool = False,
+    ) -> Float[Tensor, "b s e"]:
+        """What each place finds where it looks."""
+        query = self._split(self.query(asking))
+        found = scaled_dot_product_attention(query, *pair, attn_mask=mask, is_causal=causal)
+        return self.output(found.transpose(1, 2).flatten(2))
+
+    def seen(
+        self,
+        asking: Float[Tensor, "b s e"],
+        pair: Pair,
+        mask: Bool[Tensor, "b 1 1 t"] | None = None,
+    ) -> tuple[Float[Tensor, "b s e"], Float[Tensor, "b h s t"]]:
+        """The same as `forward`, and the heads' scores (logarithms, up to a constant)."""
+        keys, values = pair
+        scores = self._split(self.query(asking)) @ keys.transpose(-1, -2) * keys.shape[-1] ** -0.5
+        if mask is not None:
+            scores = scores.masked_fill(~mask, _NOWHERE)
+        found = softmax(scores, -1) @ values
+        return self.output(found.transpose(1, 2).flatten(2)), scores
+
+    def _split(self, vectors: Float[Tensor, "b t hd"]) -> Float[Tensor, "b h t d"]:
+        rows, places, _ = vectors.shape
+        return vectors.view(rows, places, self.heads, -1).transpose(1, 2)
+
+
+class _Layer(nn.Module):
+    """A layer of the encoder, or with `crossed` one of the decoder."""
+
+    def __init__(self, config: TransformerConfig, *, crossed: bool) -> None:
+        super().__init__()
+        size = config.embedding_size
+        sizes = (size, config.heads, config.attention_size)
+        self.own = Attention(*sizes)
+        self.own_norm = nn.LayerNorm(size, eps=NORMALISATION_EPSILON)
+        if crossed:
+            self.source = Attention(*sizes)
+            self.source_norm = nn.LayerNorm(size, eps=NORMALISATION_EPSILON)
+        self.wide = nn.Linear(size, config.feed_forward_size)
+        self.narrow = nn.Linear(config.feed_forward_size, size)
+        self.wide_norm = nn.LayerNorm(size, eps=NORMALISATION_EPSILON)
+        self.dropout = nn.Dropout(config.dropout)
+
+    def added(
+        self, x: Float[Tensor, "b t e"], more: Float[Tensor, "b t e"], norm: nn.LayerNorm
+    ) -> Float[Tensor, "b t e"]:
+        """Dropout, addition, normalisation."""
+        if self.training:
+            more = self.dropout(more)
+        return layer_norm(x + more, norm.normalized_shape, norm.weight, norm.bias, norm.eps)
+
+    def fed_forward(self, x: Float[Tensor, "b t e"]) -> Float[Tensor, "b t e"]:
+        """The feed-forward sublayer."""
+        return self.added(x, self.narrow(relu(self.wide(x))), self.wide_norm)
+
+
+class TransformerNetwork(nn.Module):
+    """Encoder and decoder; see the module's docstring."""
+
+    def __init__(self, config: TransformerConfig) -> None:
+        super().__init__()
+        self.config = c = config
+        self.source_words = nn.Embedding(c.source_words, c.embedding_size, padding_idx=PADDING)
+        self.target_words = nn.Embedding(c.target_words, c.embedding_size, padding_idx=PADDING)
+        self.encoder = nn.ModuleList(_Layer(c, crossed=False) for _ in range(c.layers))
+        self.decoder = nn.ModuleList(_Layer(c, crossed=True) for _ in range(c.layers))
+        self.output = nn.Linear(c.embedding_size, c.target_words)
+        self.fusion = nn.Linear(c.embedding_size, c.fusion_nodes)
+        self.dropout = nn.Dropout(c.dropout)
+        self.places: Tensor
+        self.register_buffer("places", positions(c.longest, c.embedding_size), persistent=False)
+        self._begin()
+
+    def _begin(self) -> None:
+        """Glorot's uniform weights (4.2.2); embeddings of He's scale (figure 5.1)."""
+        for module in self.modules():
+            if isinstance(module, nn.Linear):
+                nn.init.xavier_uniform_(module.weight)
+                if module.bias is not None:
+                    nn.init.zeros_(module.bias)
+            elif isinstance(module, nn.Embedding):
+                nn.init.normal_(module.weight, std=(2 / self.config.embedding_size) ** 0.5)
+                with torch.no_grad():
+                    module.weight[PADDING] = 0
+
+    def encode(self, source: Int[Tensor, "b t"]) -> SourceMemory:
+        """Read sentences, filled up with padding."""
+        mask = source != PADDING
+        full = bool(mask.all())
+        shown = None if full else mask[:, None, None]
+        x = self.dropout(self.source_words(source) + self.places[: source.shape[1]])
+        for layer in self.encoder:
+            x = layer.added(x, layer.own(x, layer.own.pair(x), shown), layer.own_norm)
+            x = layer.fed_forward(x)
+        return SourceMemory(x, tuple(layer.source.pair(x) for layer in self.decoder), mask, full)
+
+    def decode(self, memory: SourceMemory, given: Int[Tensor, "b s"]) -> Float[Tensor, "b s e"]:
+        """The final decoder's output at every place, given the tokens up to there."""
+        mask = memory.attention_mask
+        x = self.dropout(self.target_words(given) + self.places[: given.shape[1]])
+        for layer, pair in zip(self.decoder, memory.pairs, strict=True):
+            x = layer.added(x, layer.own(x, layer.own.pair(x), causal=True), layer.own_norm)
+            x = layer.added(x, layer.source(x, pair, mask), layer.source_norm)
+            x = layer.fed_forward(x)
+        return x
+
+    def forward(
+        self, source: Int[Tensor, "b t"], given: Int[Tensor, "b s"]
+    ) -> Float[Tensor, "b s w"]:
+        """Logits of the token behind every place, given those up to there."""
+        logits: Tensor = self.output(self.decode(self.encode(source), given))
+        return logits
+
+    def nodes(
+        self, decoded: Float[Tensor, "b s e"], given: Int[Tensor, "b s"], length: int | None = None
+    ) -> Float[Tensor, "b l d"]:
+        """The fusion sublayer's nodes of every token, 0 at padding.
+
+        Args:
+            decoded: What `decode` returns.
+            given: The tokens that it was given.
+            length: Places to fill the result up to; by default `longest`, so that
+                FusionNet always gets as many.
+        """
+        length = self.config.longest if length is None else length
+        found = self.fusion(decoded) * (given != PADDING).unsqueeze(-1)
+        return nn.functional.pad(found, (0, 0, 0, length - given.shape[1]))
+
+    def start(self, memory: SourceMemory) -> TargetCache:
+        """The cache before the first token."""
+        rows, heads, _, size = memory.pairs[0][0].shape
+        empty = memory.features.new_empty((rows, heads, 0, size))
+        return TargetCache(((empty, empty),) * len(self.decoder))
+
+    def step(
+        self, tokens: Int[Tensor, " b"], cache: TargetCache, memory: SourceMemory
+    ) -> tuple[Float[Tensor, "b w"], Float[Tensor, "b h t"], TargetCache]:
+        """Take one token more; what came before is read from the cache.
+
+        Returns:
+            Logits of the next token, scores of the last layer's heads at the source
+            (logarithms of their attention, up to a constant), and the longer cache.
+        """
+        mask = memory.attention_mask
+        x = (self.target_words(tokens) + self.places[cache.length]).unsqueeze(1)
+        pairs, scores = [], None
+        last = len(self.decoder) - 1
+        for number, layer in enumerate(self.decoder):
+            before, here = cache.pairs[number], layer.own.pair(x)
+            pair = torch.cat((before[0], here[0]), 2), torch.cat((before[1], here[1]), 2)
+            pairs.append(pair)
+            x = layer.added(x, layer.own(x, pair), layer.own_norm)
+            if number == last:
+                found, scores = layer.source.seen(x, memory.pairs[number], mask)
+            else:
+                found = layer.source(x, memory.pairs[number], mask)
+            x = layer.added(x, found, layer.source_norm)
+            x = layer.fed_forward(x)
+        assert scores is not None
+        longer = TargetCache(tuple(pairs), cache.length + 1)
+        return self.output(x.squeeze(1)), scores.squeeze(2), longer
+
+
+def positions(longest: int, size: int) -> Float[Tensor, "t e"]:
+    """Sines and cosines of each place, of ever longer waves.
+
+    References:
+        Thesis, equation 2.28.
+    """
+    place = torch.arange(longest, dtype=torch.float64).unsqueeze(1)
+    wave = 10_000.0 ** (-torch.arange(0, size, 2, dtype=torch.float64) / size)
+    found = torch.zeros((longest, size), dtype=torch.float64)
+    found[:, 0::2] = torch.sin(place * wave)
+    found[:, 1::2] = torch.cos(place * wave[: size // 2])
+    return found.float()
+
+
+def transformer_config(document: Any) -> TransformerConfig:
+    """The configuration that a checkpoint's JSON holds.
+
+    Raises:
+        CheckpointError: If it holds something else.
+    """
+    try:
+        return TransformerConfig(**document)
+    except TypeError as error:
+        raise CheckpointError(f"The Transformer's configuration does not fit: {error}.") from error
+
+
+def number_rows(rows: Sequence[Sequence[int]]) -> Int[Tensor, "b t"]:
+    """Rows of token numbers side by side, the shorter ones filled up with padding."""
+    longest = max(len(row) for row in rows)
+    found = torch.full((len(rows), longest), PADDING)
+    for place, row in enumerate(rows):
+        found[place, : len(row)] = torch.tensor(row, dtype=torch.long)
+    return found
