@@ -92,7 +92,8 @@ def test_nothing_is_pickled(path: Path) -> None:
 def test_what_is_imported_is_what_is_declared() -> None:
     project = tomllib.loads((SOURCE.parent.parent / "pyproject.toml").read_text())["project"]
     declared = {re.split(r"[<>=~!\[ ]", line)[0] for line in project["dependencies"]}
-    optional = {re.split(r"[<>=~!\[ ]", e)[0] for e in project["optional-dependencies"]["cluster"]}
+    extras = project["optional-dependencies"]
+    optional = {re.split(r"[<>=~!\[ ]", e)[0] for e in extras["cluster"] + extras["hub"]}
     packages = {name.split(".")[0] for path in MODULES for _, name in imported(path)}
     needed = {DISTRIBUTIONS.get(name, name) for name in packages - sys.stdlib_module_names}
     needed = {name.replace("_", "-") for name in needed} - {"fusionnet"}

@@ -66,7 +66,7 @@ COMMANDS = {
     "train translator": Entry(
         "sentences to trees", "fusionnet.apps.train:translator", "TRANSLATOR_PRESETS"
     ),
-    "train fusion": Entry("both to joint angles", "fusionnet.apps.train:fusion"),
+    "train fusion": Entry("both to joint angles", "fusionnet.apps.train:fusion", "FUSION_PRESETS"),
     "reproduce": Entry(
         "run the experiments of the thesis, and ours", "fusionnet.apps.reproduce:reproduce"
     ),

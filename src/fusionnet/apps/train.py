@@ -9,6 +9,8 @@ from fusionnet.training.fusion import FusionConfig
 from fusionnet.training.fusion import train as train_fusion
 from fusionnet.training.thesis_detector import ThesisDetectorConfig
 from fusionnet.training.thesis_detector import train as train_thesis_detector
+from fusionnet.training.thesis_fusion import train as train_thesis_fusion
+from fusionnet.training.thesis_fusion_config import SmallThesisFusionConfig, ThesisFusionConfig
 from fusionnet.training.transformer import ThesisTranslatorConfig
 from fusionnet.training.transformer import train as train_transformer
 from fusionnet.training.translator import TranslatorConfig
@@ -49,10 +51,23 @@ def translator(config: TranslatorConfig | ThesisTranslatorConfig) -> dict[str, A
 TRANSLATOR_PRESETS = {"compact": TranslatorConfig, "thesis": ThesisTranslatorConfig}
 
 
-def fusion(config: FusionConfig) -> dict[str, Any]:
+def fusion(config: FusionConfig | ThesisFusionConfig) -> dict[str, Any]:
     """Train FusionNet: picture and sentence to the fourteen values.
 
-    Prints its metrics on the validation groups as JSON.
+    --preset compact (what we ship): the tree carried out on the layout that was seen.
+    --preset thesis: the thesis's FusionNet at its own size, on a data set.
+    --preset thesis-small: the same architecture for a CPU: small pictures and networks.
+    Put `--preset NAME --help` for the options of one. A run that was stopped goes on where its
+    `--work` folder says. Prints its metrics as JSON.
     """
     with bars() as bar:
-        return train_fusion(config, progress=bar("training"))
+        if isinstance(config, ThesisFusionConfig):
+            return train_thesis_fusion(config, progress=bar("training"))
+        return train_fusion(config, progress=bar("training"), rendering=bar("rendering"))
+
+
+FUSION_PRESETS = {
+    "compact": FusionConfig,
+    "thesis": ThesisFusionConfig,
+    "thesis-small": SmallThesisFusionConfig,
+}

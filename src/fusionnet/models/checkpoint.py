@@ -105,7 +105,7 @@ def load_checkpoint(folder: Path, kind: str) -> Checkpoint:
     Raises:
         CheckpointError: If it is missing, damaged, of another kind or schema version.
     """
-    document = _read_config(folder)
+    document = read_document(folder)
     version = document.get("schema_version")
     if version != SCHEMA_VERSION:
         raise CheckpointError(
@@ -138,7 +138,7 @@ def checkpoint_kind(folder: Path) -> str:
     Raises:
         CheckpointError: If there is no readable checkpoint.
     """
-    return str(_read_config(folder).get("kind"))
+    return str(read_document(folder).get("kind"))
 
 
 def restore(model: torch.nn.Module, tensors: Mapping[str, torch.Tensor], folder: Path) -> None:
@@ -157,7 +157,12 @@ def restore(model: torch.nn.Module, tensors: Mapping[str, torch.Tensor], folder:
         ) from error
 
 
-def _read_config(folder: Path) -> dict[str, Any]:
+def read_document(folder: Path) -> dict[str, Any]:
+    """What a checkpoint's `config.json` holds.
+
+    Raises:
+        CheckpointError: If it is missing, too large, or no JSON object.
+    """
     file = folder / CONFIG_FILE
     if not file.is_file():
         raise CheckpointError(

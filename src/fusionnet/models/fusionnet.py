@@ -24,8 +24,10 @@ from torch.nn.functional import binary_cross_entropy_with_logits, mse_loss, nll_
 
 from fusionnet.blocks.grid import GRID
 from fusionnet.errors import CheckpointError, InputError, PlanningError
+from fusionnet.models.card import write_card
 from fusionnet.models.checkpoint import load_checkpoint, restore, save_checkpoint
 from fusionnet.models.fusers.tree_executor import Execution, TreeExecutor
+from fusionnet.models.hub import check_robot, checkpoint_folder
 from fusionnet.models.program_pack import PackedPrograms, pack
 from fusionnet.models.program_values import Goal, Held
 from fusionnet.models.soft_layout import CELLS, soft_layout
@@ -265,6 +267,31 @@ class FusionNet(nn.Module):
             metadata=metadata,
             half=True,
         )
+
+    def save_pretrained(self, folder: Path | str, metadata: dict[str, Any] | None = None) -> None:
+        """Write a checkpoint folder with its model card, as the hub wants it.
+
+        Raises:
+            OutputError: If it cannot be written.
+        """
+        self.save(Path(folder), metadata)
+        write_card(Path(folder))
+
+    @classmethod
+    def from_pretrained(cls, name: Path | str, *, robot: str | None = None) -> "FusionNet":
+        """Read a checkpoint from a folder or, by `owner/name`, from the hub.
+
+        Args:
+            name: Folder or hub name.
+            robot: Robot whose values are wanted; by default whichever it was trained for.
+
+        Raises:
+            CheckpointError: If it cannot be had, is damaged, or is of another kind, schema
+                version or robot.
+        """
+        model = cls.from_folder(checkpoint_folder(name))
+        check_robot(str(name), model.config["robot"], model.config["joint_names"], robot)
+        return model
 
     @classmethod
     def from_folder(cls, folder: Path | str) -> "FusionNet":
