@@ -27,8 +27,11 @@ def test_sides_are_those_of_the_boxes_that_training_sees(stored):
     pictures = PlacementPictures(stored, "train", frame)
     seen = [pictures[i][1].xyxy.double().numpy() for i in range(len(pictures))]
     expected = np.concatenate([xyxy[:, 2:] - xyxy[:, :2] for xyxy in seen])
-    np.testing.assert_allclose(box_sides(stored, "train", frame, crop=True), expected)
-    whole = box_sides(stored, "train", frame, crop=False)
+    cropped = np.concatenate(box_sides(stored, "train", frame, crop=True))
+    np.testing.assert_allclose(cropped, expected)
+    whole = np.concatenate(box_sides(stored, "train", frame, crop=False))
+    clear = np.concatenate(box_sides(stored, "train", frame, crop=True, least_share=0.99))
+    assert 0 < len(clear) < len(cropped)
     assert np.median(whole) < np.median(expected)  # cropping enlarges
 
 
@@ -38,7 +41,7 @@ def test_it_prints_clusters_and_anchors_and_draws_both_figures(stored, tmp_path,
     found = json.loads(capsys.readouterr().out)
     frame = whole_frame((990, 540), (990, 540))
     for part, crop in (("whole", False), ("cropped", True)):
-        sides = box_sides(stored, "train", frame, crop=crop)
+        sides = np.concatenate(box_sides(stored, "train", frame, crop=crop))
         said = found[part]
         assert said["boxes"] == len(sides) and len(said["iterations"]) == 10
         assert len(said["clusters"]) == 9 and len(said["anchors"]["sizes"]) == 5
@@ -76,7 +79,7 @@ def test_a_data_set_without_boxes_is_refused(stored, monkeypatch, capsys):
     nothing = {"boxes": [], "classes": [], "box_blocks": [], "block_pixels": []}
     whole = PlacementPictures.boxes
 
-    def empty(self, index):
+    def empty(self, index, least_share):
         sample = {**self.samples[index], **nothing}
         return self._place(sample).boxes(sample, self.frame.input_size)
 

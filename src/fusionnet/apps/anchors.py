@@ -96,12 +96,14 @@ def _measure(
 ) -> tuple[np.ndarray, Clusters, dict[str, Any]]:
     """The boxes of one part, their clusters, and all that is said of them."""
     frame = whole_frame(config.size, config.size)
-    sides = box_sides(
-        config.dataset,
-        config.split,
-        frame,
-        crop=PARTS[part],
-        progress=bar(f"boxes, {part}"),
+    sides = np.concatenate(
+        box_sides(
+            config.dataset,
+            config.split,
+            frame,
+            crop=PARTS[part],
+            progress=bar(f"boxes, {part}"),
+        )
     )
     began = time.perf_counter()
     clusters = k_medians(sides, how, progress=bar(f"clusters, {part}"))

@@ -104,6 +104,8 @@ def thesis(
     frame: PictureFrame = THESIS_FRAME,
     anchors: AnchorShapes | None = None,
     fusion_nodes: int = 4,
+    width: int = 256,
+    depth: int = 4,
 ) -> RetinaNetConfig:
     """The thesis's RetinaNet: five levels of 256 channels, nine anchors, the fusion subnet.
 
@@ -112,6 +114,8 @@ def thesis(
         frame: Which part of pictures is seen, at which size (thesis: all of it, 990 x 540).
         anchors: Of five levels (thesis: table 7.2).
         fusion_nodes: Nodes an anchor for FusionNet (thesis: 4, or 16 in 7.4.2).
+        width: Channels of the pyramid and of the subnets (thesis: 256).
+        depth: Convolutions of each subnet before its last (thesis: 4).
 
     References:
         Thesis 2.1.10, 4.1 and tables 6.1 and 7.2.
@@ -120,8 +124,13 @@ def thesis(
         frame=frame,
         backbone=backbone,
         pyramid="p3-p7",
-        width=256,
-        boxes=pyramid_boxes(anchors or thesis_anchors(), strides=_level_strides(backbone)),
+        width=width,
+        boxes=pyramid_boxes(
+            anchors or thesis_anchors(),
+            strides=_level_strides(backbone),
+            depth=depth,
+            width=width,
+        ),
         fusion_nodes=fusion_nodes,
         gaussian=True,
     )
@@ -134,7 +143,9 @@ def pyramid_boxes(
     depth: int = 4,
     width: int = 256,
 ) -> BoxConfig:
-    """Subnets of four convolutions with 256 channels, and a classifier that begins at -2."""
+    """Subnets of four convolutions with 256 channels as in the thesis (or others), and a
+    classifier that begins at -2 (4.1.2).
+    """
     sizes = tuple(tuple(size * scale for scale in anchors.scales) for size in anchors.sizes)
     return BoxConfig(
         strides=strides,

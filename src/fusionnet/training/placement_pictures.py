@@ -90,9 +90,11 @@ class PlacementPictures:
         picture = cv2.resize(part, self.frame.input_size, interpolation=how)
         return sample, picture, place.boxes(sample, self.frame.input_size)
 
-    def boxes(self, index: int) -> Boxes:
-        """The boxes alone; nothing is decoded."""
+    def boxes(self, index: int, least_share: float = 0.0) -> Boxes:
+        """The boxes alone, of blocks that are visible enough; nothing is decoded."""
         sample = self.samples[index]
+        if least_share:
+            sample = _visible(sample, least_share)
         return self._place(sample).boxes(sample, self.frame.input_size)
 
     def _place(self, sample: dict) -> "_Place":
@@ -109,29 +111,32 @@ def box_sides(
     frame: PictureFrame,
     *,
     crop: bool,
+    least_share: float = 0.0,
     progress: Callable[[int, int], None] | None = None,
-) -> Float[np.ndarray, "n 2"]:
-    """Widths and heights of all boxes of a split, in pixels of the network's input.
+) -> list[Float[np.ndarray, "n 2"]]:
+    """Widths and heights of each picture's boxes, in pixels of the network's input.
 
     Args:
         folder: A finished data set.
         split: One of its splits.
         frame: Size and aspect of the network's input.
         crop: Whether pictures are cropped to the placement region.
+        least_share: Blocks of which a smaller share is visible are left out.
         progress: Called with pictures done and pictures in all.
 
     Raises:
         DataError: If the data set is not finished, damaged, has other classes, or no picture.
         UnknownNameError: If it has no such split.
     """
-    pictures = PlacementPictures(folder, split, frame, crop=crop, columns=LABELS)
+    columns = (*LABELS, "block_shares")
+    pictures = PlacementPictures(folder, split, frame, crop=crop, columns=columns)
     found = []
     for index in range(len(pictures)):
-        xyxy = pictures.boxes(index).xyxy.double().numpy()
+        xyxy = pictures.boxes(index, least_share).xyxy.double().numpy()
         found.append(xyxy[:, 2:] - xyxy[:, :2])
         if progress is not None:
             progress(index + 1, len(pictures))
-    return np.concatenate(found)
+    return found
 
 
 class _Place(NamedTuple):
@@ -145,6 +150,14 @@ class _Place(NamedTuple):
         boxes, classes = seen_boxes(sample, float(self.scale.prod()))
         boxes = (boxes - np.tile(self.part[:2], 2)) * np.tile(self.scale, 2)
         return within(boxes, boxes, classes, size)
+
+
+def _visible(sample: dict, least_share: float) -> dict:
+    """The sample without the boxes of blocks of which too little is visible."""
+    shares = [sample["block_shares"][block] for block in sample["box_blocks"]]
+    kept = [place for place, share in enumerate(shares) if share >= least_share]
+    names = ("boxes", "classes", "box_blocks")
+    return sample | {name: [sample[name][place] for place in kept] for name in names}
 
 
 def placement_crop(sample: dict, size: tuple[int, int]) -> tuple[int, int, int, int]:

@@ -16,7 +16,7 @@ import tyro
 from fusionnet.errors import InputError
 from fusionnet.models import backbones, detectors
 from fusionnet.models.anchors import AnchorShapes, thesis_anchors
-from fusionnet.models.heads.boxes import BoxHead
+from fusionnet.models.labelled_boxes import BoxPrecision
 from fusionnet.models.retinanet import BoxBatch, RetinaNet
 from fusionnet.randomness import derived_seed, generator
 from fusionnet.training.loop import LoopConfig, Progress, fit
@@ -61,6 +61,8 @@ class ThesisDetectorConfig:
         input_size: Width and height that pictures are fitted into, in pixels.
         anchors: Sizes of the five levels, ratios and scales.
         fusion_nodes: Nodes an anchor for FusionNet.
+        width: Channels of the pyramid and of the subnets.
+        depth: Convolutions of each subnet before its last.
         check: Split that is measured at the end.
         checked: Pictures of it that are measured at most.
         batch: Pictures a step.
@@ -78,6 +80,8 @@ class ThesisDetectorConfig:
     input_size: tuple[int, int] = (990, 540)
     anchors: AnchorShapes = field(default_factory=thesis_anchors)
     fusion_nodes: int = 4
+    width: int = 256
+    depth: int = 4
     check: str = "val"
     checked: int = 500
     batch: int = 1
@@ -88,10 +92,11 @@ class ThesisDetectorConfig:
 
     def __post_init__(self) -> None:
         """Refuse values that cannot train."""
-        if min(self.batch, self.checked, self.fusion_nodes + 1, *self.input_size) < 1:
+        counts = (self.batch, self.checked, self.width, *self.input_size)
+        if min(*counts, self.fusion_nodes + 1, self.depth + 1) < 1:
             raise InputError(
-                "batch, checked and both sides of input_size >= 1, fusion_nodes >= 0; "
-                f"got {self.batch}, {self.checked}, {self.input_size}, {self.fusion_nodes}"
+                "batch, checked, width and both sides of input_size >= 1, fusion_nodes and "
+                f"depth >= 0; got {counts}, {self.fusion_nodes}, {self.depth}"
             )
 
 
@@ -130,7 +135,12 @@ def new_detector(config: ThesisDetectorConfig) -> tuple[RetinaNet, str]:
     size = config.input_size
     frame = replace(detectors.THESIS_FRAME, eye_size=size, crop=(0, 0, *size), input_size=size)
     made = detectors.thesis(
-        config.backbone, frame=frame, anchors=config.anchors, fusion_nodes=config.fusion_nodes
+        config.backbone,
+        frame=frame,
+        anchors=config.anchors,
+        fusion_nodes=config.fusion_nodes,
+        width=config.width,
+        depth=config.depth,
     )
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(derived_seed(config.seed, "detector", "weights"))
@@ -176,13 +186,17 @@ def batches(
 
 @torch.inference_mode()
 def measure(model: RetinaNet, pictures: PlacementPictures, count: int) -> dict[str, Any]:
-    """Mean average precision on the first pictures of a split."""
-    found, truth = [], []
+    """Average precision and loss on the first pictures of a split, class by class as table 6.2."""
+    precision, losses = BoxPrecision(), []
     device = next(model.parameters()).device
     for index in range(min(count, len(pictures))):
-        picture, boxes = pictures[index]
-        outputs = model(torch.from_numpy(picture)[None].to(device), fusion=False)
-        seen = model.box_head.predict(outputs["boxes"])[0]
-        found.append(replace(seen, **{k: v.cpu() for k, v in vars(seen).items()}))
-        truth.append(boxes)
-    return {"pictures": len(found), **BoxHead.metric(found, truth)}
+        picture, truth = pictures[index]
+        images = torch.from_numpy(picture)[None].to(device)
+        outputs = model(images, fusion=False)
+        batch = BoxBatch(
+            images, [replace(truth, **{k: v.to(device) for k, v in vars(truth).items()})]
+        )
+        losses.append(float(torch.stack(list(model.losses(outputs, batch).values())).sum()))
+        precision.update(model.box_head.predict(outputs["boxes"])[0], truth)
+    loss = sum(losses) / len(losses)
+    return {"pictures": len(losses), "validation_loss": loss, **precision.compute()}

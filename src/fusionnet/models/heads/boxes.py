@@ -10,9 +10,8 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import torch
-from jaxtyping import Float, Int
+from jaxtyping import Float
 from torch import Tensor, nn
-from torchmetrics.detection import MeanAveragePrecision
 from torchvision.models.detection._utils import BoxCoder, Matcher
 from torchvision.models.detection.anchor_utils import AnchorGenerator
 from torchvision.ops import batched_nms, box_iou, clip_boxes_to_image, sigmoid_focal_loss
@@ -20,27 +19,13 @@ from torchvision.ops import batched_nms, box_iou, clip_boxes_to_image, sigmoid_f
 from fusionnet.blocks import CLASS_NAMES
 from fusionnet.errors import InputError
 from fusionnet.models.heads._head import Example, Features, Head
+from fusionnet.models.labelled_boxes import Boxes, BoxPrecision
 
 CLASSES = len(CLASS_NAMES)
 CANDIDATES = 1000
 SCORE = 0.05
 OVERLAP = 0.5
 """Top candidates, least score and greatest overlap a class at inference (thesis 4.1.3)."""
-
-
-@dataclass  # not frozen: Fabric moves its tensors between devices
-class Boxes:
-    """Boxes of one picture.
-
-    Attributes:
-        xyxy: Left, top, right, bottom, in pixels of the network's input.
-        classes: Index into `CLASS_NAMES`.
-        scores: Probability of the class; 1 for ground truth.
-    """
-
-    xyxy: Float[Tensor, "n 4"]
-    classes: Int[Tensor, " n"]
-    scores: Float[Tensor, " n"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -185,13 +170,12 @@ class BoxHead(nn.Module):
         return _found(outputs, self.coder)
 
     @staticmethod
-    def metric(found: Sequence[Boxes], truth: Sequence[Boxes]) -> dict[str, float]:
-        """Mean average precision over classes, at an overlap of 0.5 and from 0.5 to 0.95."""
-        precision = MeanAveragePrecision(backend="faster_coco_eval")
-        precision.warn_on_many_detections = False
-        precision.update([_as_dict(boxes) for boxes in found], [_as_dict(b) for b in truth])
-        measured = precision.compute()
-        return {"map_50": float(measured["map_50"]), "map_50_95": float(measured["map"])}
+    def metric(found: Sequence[Boxes], truth: Sequence[Boxes]) -> dict[str, Any]:
+        """What `BoxPrecision` says of some pictures."""
+        precision = BoxPrecision()
+        for seen, right in zip(found, truth, strict=True):
+            precision.update(seen, right)
+        return precision.compute()
 
 
 @torch.no_grad()
@@ -208,10 +192,6 @@ def _found(outputs: BoxOutputs, coder: BoxCoder) -> list[Boxes]:
         kept = batched_nms(boxes, scores, labels, OVERLAP)
         found.append(Boxes(boxes[kept], labels[kept], scores[kept]))
     return found
-
-
-def _as_dict(boxes: Boxes) -> dict[str, Tensor]:
-    return {"boxes": boxes.xyxy.float(), "labels": boxes.classes, "scores": boxes.scores.float()}
 
 
 def _focal(logits: Tensor, wanted: Tensor) -> Tensor:

@@ -40,7 +40,7 @@ class ClassesHead(Head):
     @staticmethod
     def metric(found: Sequence[Boxes], truth: Sequence[Boxes]) -> dict[str, float]:
         """`map_50`: mean average precision at an overlap of 0.5 (thesis, table 7.4)."""
-        return {"map_50": BoxHead.metric(found, truth)["map_50"]}
+        return {"map_50": float(BoxHead.metric(found, truth)["map_50"] or 0.0)}
 
 
 HEAD = ClassesHead

@@ -1,0 +1,67 @@
+"""What the experiments of chapter 6 learn from: pictures, made when first needed."""
+
+import time
+from dataclasses import replace
+from functools import lru_cache
+from pathlib import Path
+
+from fusionnet.corpora import synthetic, treebank_files
+from fusionnet.dataset.build import build, plan_for
+from fusionnet.dataset.sources import Sources
+from fusionnet.experiments._experiment import Scale, Trial
+from fusionnet.experiments._locks import Lock
+from fusionnet.experiments._sources import corpus_for
+from fusionnet.files import write_whole
+
+PAUSE = 0.5
+"""Seconds between looks at whether another process has made the pictures."""
+
+COMMANDS = 40
+"""Commands of our own at the smoke scale."""
+
+CHECKED = "sim_val"
+"""Split that is measured: layouts of validation groups through the robot's eye, in other looks."""
+
+
+def pictures_for(trial: Trial, train: int, checked: int, size: tuple[int, int]) -> Path:
+    """A data set through the robot's eye; at the thesis's scale in environmental views as well.
+
+    Args:
+        trial: Whose scale and data it is for.
+        train: Pictures to learn from.
+        checked: Pictures of the split `CHECKED`.
+        size: Width and height of stored pictures, in pixels.
+
+    Raises:
+        DataError: If the treebank is needed and was not given, or is damaged.
+        InputError: If the views of the thesis's scale are not there.
+    """
+    if trial.scale != "smoke" and trial.data is None:
+        corpus_for(trial)  # says how to give it
+    return _made(trial.work, trial.scale, trial.data, (train, checked), size)
+
+
+@lru_cache(maxsize=4)  # once a process: the corpus is read to see that nothing is missing
+def _made(
+    work: Path, scale: Scale, data: Path | None, counts: tuple[int, int], size: tuple[int, int]
+) -> Path:
+    folder = work / f"pictures-{counts[0]}-{size[0]}x{size[1]}"
+    lock = Lock(work, folder)
+    while not lock.acquire():
+        time.sleep(PAUSE)
+    with lock:
+        if scale == "smoke":
+            data = _own_commands(work / "commands")
+        sources = Sources(data=data, views="rooms" if scale == "thesis" else None)
+        plan = plan_for(str(counts[0]), "treebank", sources, size=size, varied=0.3)
+        if sources.views is None:
+            plan = replace(plan, counts=(("train", counts[0]), (CHECKED, counts[1])))
+        build(folder, plan, sources)
+    return folder
+
+
+def _own_commands(folder: Path) -> Path:
+    """A few commands of our own in the treebank's form, for runs without its data."""
+    for name, text in treebank_files(synthetic.read(size=COMMANDS)).items():
+        write_whole(folder / name, text)
+    return folder
