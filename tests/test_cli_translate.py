@@ -51,6 +51,20 @@ def test_json_holds_the_readings(capsys, tmp_path) -> None:
     assert "tower" in picture.read_text()
 
 
+def test_attention_is_drawn_with_the_words_down_and_the_symbols_across(capsys, tmp_path) -> None:
+    svg, png = tmp_path / "new" / "attention.svg", tmp_path / "attention.png"
+    assert cli.main(["translate", "grab the yellow pyramid", "--attention", str(svg)]) == 0
+    drawn = svg.read_text()
+    assert ">pyramid<" in drawn and ">color:yellow<" in drawn
+    assert cli.main(["translate", "grab the yellow pyramid", "--attention", str(png)]) == 0
+    assert png.read_bytes().startswith(b"\x89PNG")
+    capsys.readouterr()
+    aside = tmp_path / "file" / "attention.png"
+    aside.parent.write_text("")
+    assert cli.main(["translate", "grab the yellow pyramid", "--attention", str(aside)]) == 2
+    assert "Cannot write" in capsys.readouterr().err
+
+
 def test_a_scene_says_what_would_happen(capsys, tmp_path) -> None:
     layout = tmp_path / "layout.json"
     block = {"color": "cyan", "shape": "cube", "cell": [2, 3, 0]}
@@ -106,6 +120,7 @@ def test_standard_input_may_hold_any_bytes_and_speak_of_a_scene(capsys, monkeypa
         (["pick up the cube", "--scene", "99999"], "No scene 99999"),
         (["pick up the cube", "--checkpoint", "nowhere"], "No checkpoint"),
         (["pick up the cube", "--picture", "tree.bmp"], ".png or .svg"),
+        (["pick up the cube", "--attention", "map"], ".png or .svg"),
         (["pick up the cube", "--picture", "no/such/folder/tree.png"], "Cannot write"),
     ],
 )

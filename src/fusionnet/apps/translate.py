@@ -17,6 +17,7 @@ from rich.console import Console
 from rich.text import Text
 
 from fusionnet import rcl
+from fusionnet.apps.attention_drawing import draw_attention
 from fusionnet.apps.cli import EXIT_MISSED, EXIT_REACHED
 from fusionnet.apps.setting import setting_of
 from fusionnet.apps.tree_drawing import draw_tree
@@ -68,6 +69,9 @@ class TranslateConfig:
     picture: Path | None = None
     """A file (.png or .svg) to draw the tree into."""
 
+    attention: Path | None = None
+    """A file (.png or .svg) to draw into where the translator looked while it wrote."""
+
     checkpoint: Path | None = None
     """Folder of a translator, or a shipped name: compact (the default) or thesis."""
 
@@ -82,6 +86,9 @@ def translate(config: TranslateConfig) -> int:
     text goes to standard output (an empty line where a sentence was not understood),
     the reasons to standard error. With a scene, the reading that fits it is taken.
     """
+    for file in (config.picture, config.attention):
+        if file is not None and file.suffix not in (".png", ".svg"):
+            raise InputError(f"A picture is a .png or .svg file, not {file.name!r}.")
     layout = _layout(config)
     translator = load_translator(config.checkpoint)
     if config.sentence is None:
@@ -97,6 +104,8 @@ def translate(config: TranslateConfig) -> int:
     best = readings[0] if chosen is None else chosen.reading
     if config.picture is not None:
         _draw(best, sentence, config.picture)
+    if config.attention is not None:
+        draw_attention(best, config.attention)
     if config.json:
         document = _as_json(sentence, readings[: config.count], best, chosen, reason)
         print(json.dumps(document))
@@ -173,8 +182,6 @@ def _chunks(lines: Iterable[str]) -> Iterator[list[str]]:
 
 
 def _draw(reading: Reading, sentence: str, file: Path) -> None:
-    if file.suffix not in (".png", ".svg"):
-        raise InputError(f"A picture is a .png or .svg file, not {file.name!r}.")
     try:
         draw_tree(reading.tree, [token.text for token in tokenize(sentence)], file)
     except OSError as error:

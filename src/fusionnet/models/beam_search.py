@@ -126,10 +126,12 @@ def decode(
     never = torch.zeros(size)
     never[[alphabet.padding, alphabet.start, *alphabet.never]] = -torch.inf
     steps: list[tuple[Tensor, Tensor, Tensor]] = []
+    some_finished = False
     for _ in range(longest + 1):
         logits, scores, state = network.step(current, state, wide)
         gains = log_softmax(logits + never, -1)
-        gains = torch.where(finished.unsqueeze(1), only_padding, gains)
+        if some_finished:
+            gains = torch.where(finished.unsqueeze(1), only_padding, gains)
         if beam == 1:  # every hypothesis goes on from itself
             gained, current = gains.max(-1)
             totals, parents = totals + gained.unsqueeze(1), first.flatten()
@@ -142,7 +144,8 @@ def decode(
             finished = finished[parents]
         steps.append((parents, current, scores))
         finished = finished | (current == alphabet.end)
-        if bool(finished.view(sentences, beam)[:, :count].all()):
+        some_finished = bool(finished.any())
+        if some_finished and bool(finished.view(sentences, beam)[:, :count].all()):
             break
     marks = (alphabet.end, alphabet.padding)
     return _collect(steps, totals, finished.view(sentences, beam), count, marks)

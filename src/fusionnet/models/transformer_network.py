@@ -18,7 +18,14 @@ from typing import Any
 import torch
 from jaxtyping import Bool, Float, Int
 from torch import Tensor, nn
-from torch.nn.functional import layer_norm, relu, scaled_dot_product_attention, softmax
+from torch.nn.functional import (
+    embedding,
+    layer_norm,
+    linear,
+    relu,
+    scaled_dot_product_attention,
+    softmax,
+)
 
 from fusionnet.errors import CheckpointError
 from fusionnet.sentences.vocabulary import PADDING
@@ -125,14 +132,22 @@ class SourceMemory:
 
 @dataclass(frozen=True)
 class TargetCache:
-    """Keys and values of the tokens written so far, for each layer."""
+    """What the decoder remembers of the tokens written so far.
 
-    pairs: tuple[Pair, ...]
+    Attributes:
+        pairs: For each layer, keys and values of its look at them.
+        weights: For each layer, what makes queries, keys and values of a token, as one matrix.
+        length: How many tokens.
+    """
+
+    pairs: tuple[Float[Tensor, "b 2 h t d"], ...]
+    weights: tuple[Float[Tensor, "q e"], ...]
     length: int = 0
 
     def rows(self, index: Int[Tensor, " n"]) -> "TargetCache":
         """The hypotheses with these numbers."""
-        return TargetCache(tuple((k[index], v[index]) for k, v in self.pairs), self.length)
+        pairs = tuple(pair.index_select(0, index) for pair in self.pairs)
+        return TargetCache(pairs, self.weights, self.length)
 
 
 class Attention(nn.Module):
@@ -170,20 +185,6 @@ class Attention(nn.Module):
         query = self._split(self.query(asking))
         found = scaled_dot_product_attention(query, *pair, attn_mask=mask, is_causal=causal)
         return self.output(found.transpose(1, 2).flatten(2))
-
-    def seen(
-        self,
-        asking: Float[Tensor, "b s e"],
-        pair: Pair,
-        mask: Bool[Tensor, "b 1 1 t"] | None = None,
-    ) -> tuple[Float[Tensor, "b s e"], Float[Tensor, "b h s t"]]:
-        """The same as `forward`, and the heads' scores (logarithms, up to a constant)."""
-        keys, values = pair
-        scores = self._split(self.query(asking)) @ keys.transpose(-1, -2) * keys.shape[-1] ** -0.5
-        if mask is not None:
-            scores = scores.masked_fill(~mask, _NOWHERE)
-        found = softmax(scores, -1) @ values
-        return self.output(found.transpose(1, 2).flatten(2)), scores
 
     def _split(self, vectors: Float[Tensor, "b t hd"]) -> Float[Tensor, "b h t d"]:
         rows, places, _ = vectors.shape
@@ -295,36 +296,59 @@ class TransformerNetwork(nn.Module):
     def start(self, memory: SourceMemory) -> TargetCache:
         """The cache before the first token."""
         rows, heads, _, size = memory.pairs[0][0].shape
-        empty = memory.features.new_empty((rows, heads, 0, size))
-        return TargetCache(((empty, empty),) * len(self.decoder))
+        empty = memory.features.new_empty((rows, 2, heads, 0, size))
+        owns = [layer.own for layer in self.decoder]
+        weights = (torch.cat((o.query.weight, o.key.weight, o.value.weight)) for o in owns)
+        return TargetCache((empty,) * len(owns), tuple(weights))
 
     def step(
         self, tokens: Int[Tensor, " b"], cache: TargetCache, memory: SourceMemory
     ) -> tuple[Float[Tensor, "b w"], Float[Tensor, "b h t"], TargetCache]:
         """Take one token more; what came before is read from the cache.
 
+        A network of this size spends most of a step on calling, not on computing, so the
+        same sums as in `decode` are written with few calls.
+
         Returns:
             Logits of the next token, scores of the last layer's heads at the source
             (logarithms of their attention, up to a constant), and the longer cache.
         """
         mask = memory.attention_mask
-        x = (self.target_words(tokens) + self.places[cache.length]).unsqueeze(1)
-        pairs, scores = [], None
+        shape = (len(tokens), 3, self.config.heads, 1, self.config.attention_size)
+        x = embedding(tokens, self.target_words.weight) + self.places[cache.length]
+        pairs, scores = [], x
         last = len(self.decoder) - 1
         for number, layer in enumerate(self.decoder):
-            before, here = cache.pairs[number], layer.own.pair(x)
-            pair = torch.cat((before[0], here[0]), 2), torch.cat((before[1], here[1]), 2)
+            here = linear(x, cache.weights[number]).view(shape)
+            pair = torch.cat((cache.pairs[number], here[:, 1:]), 3)
             pairs.append(pair)
-            x = layer.added(x, layer.own(x, pair), layer.own_norm)
+            found = scaled_dot_product_attention(here[:, 0], pair[:, 0], pair[:, 1])
+            x = _joined(x, found, layer.own.output, layer.own_norm)
+            query = linear(x, layer.source.query.weight).view(shape[0], *shape[2:])
+            keys, values = memory.pairs[number]
             if number == last:
-                found, scores = layer.source.seen(x, memory.pairs[number], mask)
+                scores = query @ keys.transpose(-1, -2) * keys.shape[-1] ** -0.5
+                scores = scores if mask is None else scores.masked_fill(~mask, _NOWHERE)
+                found = softmax(scores, -1) @ values
             else:
-                found = layer.source(x, memory.pairs[number], mask)
-            x = layer.added(x, found, layer.source_norm)
-            x = layer.fed_forward(x)
-        assert scores is not None
-        longer = TargetCache(tuple(pairs), cache.length + 1)
-        return self.output(x.squeeze(1)), scores.squeeze(2), longer
+                found = scaled_dot_product_attention(query, keys, values, attn_mask=mask)
+            x = _joined(x, found, layer.source.output, layer.source_norm)
+            x = _joined(
+                x,
+                relu(linear(x, layer.wide.weight, layer.wide.bias)),
+                layer.narrow,
+                layer.wide_norm,
+            )
+        longer = TargetCache(tuple(pairs), cache.weights, cache.length + 1)
+        return linear(x, self.output.weight, self.output.bias), scores.squeeze(2), longer
+
+
+def _joined(
+    x: Float[Tensor, "b e"], found: Tensor, output: nn.Linear, norm: nn.LayerNorm
+) -> Float[Tensor, "b e"]:
+    """What was found, through a sublayer's last layer, addition and normalisation."""
+    more = linear(found.reshape(len(x), -1), output.weight, output.bias)
+    return layer_norm(x + more, norm.normalized_shape, norm.weight, norm.bias, norm.eps)
 
 
 def positions(longest: int, size: int) -> Float[Tensor, "t e"]:
