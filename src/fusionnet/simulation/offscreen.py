@@ -20,6 +20,7 @@ import numpy as np
 from jaxtyping import Float, Int, UInt8
 
 from fusionnet.errors import RenderingError
+from fusionnet.geometry import PinholeCamera, invert
 
 MAX_GEOMS = 2000
 """Most shapes in one picture: a robot, a board, and some hundred blocks."""
@@ -97,6 +98,21 @@ class Offscreen:
         extent, visual = model.stat.extent, model.vis.map
         self._near, self._far = visual.znear * extent, visual.zfar * extent
         mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN.value, self._context)
+
+    def aim(self, camera: PinholeCamera) -> None:
+        """Look through a camera whose principal point is the middle of the picture.
+
+        The scene has two OpenGL cameras, one for each eye of a stereo display; both get it.
+        """
+        robot_from_camera = invert(camera.camera_from_robot)
+        for eye in self.scene.camera:
+            half_height = 0.5 * camera.height / camera.matrix[1, 1] * eye.frustum_near
+            eye.pos[:] = robot_from_camera[:3, 3]
+            eye.up[:] = -robot_from_camera[:3, 1]
+            eye.forward[:] = robot_from_camera[:3, 2]
+            eye.frustum_center = 0.0
+            eye.frustum_width = half_height * camera.width / camera.height
+            eye.frustum_bottom, eye.frustum_top = -half_height, half_height
 
     def set_shadow_radius(self, radius: float) -> None:
         """Throw shadows within this distance of where the light points, in metres."""

@@ -195,7 +195,7 @@ class SceneRenderer:
         set_lights(scene, appearance, robot_from_board)
         add_furniture(scene, self.robot, appearance)
         first = add_blocks(scene, self.model, blocks, poses, appearance.block_tints)
-        self._aim(pinhole)
+        self._offscreen.aim(pinhole)
         image = appearance.develop(self._offscreen.picture())
         distances = self._offscreen.depth() if depth else None
         block_at = None
@@ -254,18 +254,6 @@ class SceneRenderer:
         right /= np.linalg.norm(right)
         axes = np.column_stack([right, np.cross(forward, right), forward])
         return self.robot.robot_from_board @ transform(axes, EXTERNAL_POSITION), EXTERNAL_VIEW
-
-    def _aim(self, pinhole: PinholeCamera) -> None:
-        """Point the scene's two OpenGL cameras (one for each eye of a stereo display)."""
-        robot_from_camera = invert(pinhole.camera_from_robot)
-        for camera in self._offscreen.scene.camera:
-            half_height = 0.5 * self.size[1] / pinhole.matrix[1, 1] * camera.frustum_near
-            camera.pos[:] = robot_from_camera[:3, 3]
-            camera.up[:] = -robot_from_camera[:3, 1]
-            camera.forward[:] = robot_from_camera[:3, 2]
-            camera.frustum_center = 0.0
-            camera.frustum_width = half_height * self.size[0] / self.size[1]
-            camera.frustum_bottom, camera.frustum_top = -half_height, half_height
 
 
 def visible_boxes(

@@ -1,0 +1,138 @@
+"""From calibrated photographs to environmental views (thesis 3.2.3, figure 3.4)."""
+
+from collections.abc import Collection
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float, UInt8
+
+from fusionnet.errors import InputError
+from fusionnet.geometry import invert
+from fusionnet.views.calibration import CalibratedEnvironment, Calibration
+from fusionnet.views.photographs import Photograph
+from fusionnet.views.picture_file import read_picture
+from fusionnet.views.pose import GridPlacement, facing, grid_pose
+from fusionnet.views.view import EnvironmentalView, check_view
+
+
+@dataclass(frozen=True, eq=False)
+class ImportedViews:
+    """Views, and what could not become one.
+
+    Attributes:
+        views: All from which the whole grid is in the picture.
+        left_out: The other photographs, with the reason.
+    """
+
+    views: tuple[EnvironmentalView, ...]
+    left_out: tuple[Photograph, ...]
+
+
+def undistorted(
+    calibration: Calibration, environment: CalibratedEnvironment, photograph: Photograph
+) -> UInt8[np.ndarray, "h w 3"]:
+    """A photograph as the calibration's one pinhole camera would have taken it."""
+    return environment.lens.undistort(read_picture(photograph.file), calibration.undistorted_to)
+
+
+def pose_in(
+    calibration: Calibration,
+    environment: CalibratedEnvironment,
+    photograph: Photograph,
+    placement: GridPlacement | None = None,
+) -> Float[np.ndarray, "4 4"]:
+    """`camera_from_board` of a photograph.
+
+    Args:
+        calibration: Whose matrix undistorted pictures have.
+        environment: Whose lens took it.
+        photograph: One in which the board was found.
+        placement: Of the grid on the board; by default turned so that x points away from the
+            camera, as a robot standing there would name the cells.
+
+    Raises:
+        InputError: If no pose explains the corners.
+    """
+    assert photograph.corners is not None
+    target = calibration.undistorted_to
+    pixels = environment.lens.slopes(photograph.corners) * target[[0, 1], [0, 1]] + target[:2, 2]
+    if placement is not None:
+        return grid_pose(pixels, calibration.board, calibration.matrix, placement)
+    pose = grid_pose(pixels, calibration.board, calibration.matrix)
+    turned = GridPlacement(quarter_turns=facing(pose))
+    return grid_pose(pixels, calibration.board, calibration.matrix, turned)
+
+
+def import_views(calibration: Calibration, only: Collection[str] | None = None) -> ImportedViews:
+    """Make a view of every calibrated photograph from which the whole grid can be seen.
+
+    Args:
+        calibration: Of all environments.
+        only: Names (`environment/file`) of the photographs to take; all if left out.
+
+    Returns:
+        Views for training; `set_aside` makes some validate.
+    """
+    views, left_out = [], list(calibration.left_out)
+    for environment in calibration.environments:
+        for photograph in environment.used:
+            if only is not None and photograph.name not in only:
+                continue
+            try:
+                view = EnvironmentalView(
+                    name=f"{photograph.environment}-{photograph.file.stem}",
+                    environment=photograph.environment,
+                    part="train",
+                    image=undistorted(calibration, environment, photograph),
+                    matrix=calibration.matrix,
+                    camera_from_board=pose_in(calibration, environment, photograph),
+                )
+                check_view(view)
+            except InputError as error:
+                left_out.append(replace(photograph, reason=str(error)))
+            else:
+                views.append(view)
+    return ImportedViews(tuple(views), tuple(left_out))
+
+
+def choose(views: tuple[EnvironmentalView, ...], count: int) -> tuple[EnvironmentalView, ...]:
+    """The views whose cameras stand farthest apart, in their first order.
+
+    Each next one is the farthest from all chosen before, environments in turn as far as they go.
+    """
+    if count >= len(views):
+        return views
+    places = np.array([invert(view.camera_from_board)[:3, 3] for view in views])
+    chosen = [0]
+    while len(chosen) < count:
+        apart = np.linalg.norm(places[:, None] - places[chosen], axis=-1).min(axis=1)
+        used = [views[index].environment for index in chosen]
+        rarity = np.array([used.count(view.environment) for view in views])
+        apart[rarity > rarity.min()] -= 1e3
+        apart[chosen] = -np.inf
+        chosen.append(int(np.argmax(apart)))
+    return tuple(views[index] for index in sorted(chosen))
+
+
+def set_aside(views: tuple[EnvironmentalView, ...], count: int) -> tuple[EnvironmentalView, ...]:
+    """Let the last `count` of the views, environments in turn, validate instead of train.
+
+    Raises:
+        InputError: If nothing would be left to train with.
+    """
+    if not 0 <= count < len(views):
+        raise InputError(
+            f"{count} of {len(views)} views cannot be kept for validation; at least one must be "
+            "left for training."
+        )
+    waiting: dict[str, list[int]] = {}
+    for index, view in enumerate(views):
+        waiting.setdefault(view.environment, []).append(index)
+    kept: set[int] = set()
+    while len(kept) < count:
+        for indices in waiting.values():
+            if indices and len(kept) < count:
+                kept.add(indices.pop())
+    return tuple(
+        replace(view, part="val") if index in kept else view for index, view in enumerate(views)
+    )
