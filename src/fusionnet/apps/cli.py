@@ -71,6 +71,12 @@ COMMANDS = {
         "run the experiments of the thesis, and ours", "fusionnet.apps.reproduce:reproduce"
     ),
     "report": Entry("all results beside the thesis's, one page", "fusionnet.apps.report:report"),
+    "views calibrate": Entry(
+        "a camera, from photographs of a checkerboard", "fusionnet.apps.views:calibrate"
+    ),
+    "views import": Entry("your photographs, to draw blocks into", "fusionnet.apps.views:import_"),
+    "views rooms": Entry("six rendered rooms, photographed", "fusionnet.apps.views:rooms"),
+    "views show": Entry("where the grid is in each view", "fusionnet.apps.views:show"),
     "dataset build": Entry(
         "pictures, sentences, trees and joint angles", "fusionnet.apps.dataset:build"
     ),

@@ -51,7 +51,7 @@ class FisheyeLens:
     def undistortion_maps(
         self, matrix: Float[np.ndarray, "3 3"]
     ) -> tuple[Float[np.ndarray, "h w"], Float[np.ndarray, "h w"]]:
-        """For each pixel of a pinhole picture with `matrix`, where to look in the lens's (3.2.2)."""
+        """For each pixel of a pinhole picture with `matrix`, where to look in the lens's."""
         first, second = cv2.fisheye.initUndistortRectifyMap(
             self.matrix, self.coefficients, np.eye(3), matrix, self.size, cv2.CV_32FC1
         )

@@ -32,9 +32,7 @@ _FISHEYE = (
     + _FLAGS.CALIB_CHECK_COND
     + _FLAGS.CALIB_USE_INTRINSIC_GUESS
 )
-_UNDISTORTED = (
-    cv2.CALIB_ZERO_TANGENT_DIST + cv2.CALIB_FIX_K1 + cv2.CALIB_FIX_K2 + cv2.CALIB_FIX_K3
-)
+_UNDISTORTED = cv2.CALIB_ZERO_TANGENT_DIST + cv2.CALIB_FIX_K1 + cv2.CALIB_FIX_K2 + cv2.CALIB_FIX_K3
 
 
 @dataclass(frozen=True, eq=False)
@@ -192,7 +190,9 @@ def _first_guess(
     seen = [np.asarray(p.corners, np.float32)[:, None] for p in used]
     points = [board.points.astype(np.float32)] * len(used)
     flags = cv2.CALIB_ZERO_TANGENT_DIST + cv2.CALIB_FIX_K3 + cv2.CALIB_FIX_ASPECT_RATIO
-    start = np.array([[size[0], 0.0, (size[0] - 1) / 2], [0.0, size[0], (size[1] - 1) / 2], [0, 0, 1]])
+    start = np.array(
+        [[size[0], 0.0, (size[0] - 1) / 2], [0.0, size[0], (size[1] - 1) / 2], [0, 0, 1]]
+    )
     _, matrix, *_ = cv2.calibrateCamera(
         points, seen, size, start, None, flags=flags + cv2.CALIB_USE_INTRINSIC_GUESS
     )

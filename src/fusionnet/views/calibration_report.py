@@ -82,17 +82,15 @@ def corners_found(
     for index in np.argsort(-environment.fisheye_errors)[:SHOWN]:
         photograph = environment.used[index]
         assert photograph.corners is not None
-        image = np.ascontiguousarray(read_picture(photograph.file))
+        image = read_picture(photograph.file).copy()
         corners = photograph.corners.astype(np.float32)[:, None]
         cv2.drawChessboardCorners(image, board, corners, True)
         tile = cv2.resize(
             image, (WIDTH, WIDTH * image.shape[0] // image.shape[1]), interpolation=cv2.INTER_AREA
         )
         words = f"{photograph.file.name[:24]}  {environment.fisheye_errors[index]:.2f} px"
-        for color, thickness in (((255, 255, 255), 3), ((0, 0, 0), 1)):
-            cv2.putText(
-                tile, words, (6, 16), cv2.FONT_HERSHEY_SIMPLEX, 0.45, color, thickness, cv2.LINE_AA
-            )
+        cv2.rectangle(tile, (0, 0), (9 * len(words), 20), (255, 255, 255), -1)
+        cv2.putText(tile, words, (4, 14), cv2.FONT_HERSHEY_SIMPLEX, 0.45, (0, 0, 0), 1, cv2.LINE_AA)
         tiles.append(tile)
     tiles += [np.full_like(tiles[0], 255)] * (-len(tiles) % 3)
     return np.vstack([np.hstack(tiles[i : i + 3]) for i in range(0, len(tiles), 3)])

@@ -80,7 +80,7 @@ class Checkerboard:
         if not found:
             return None
         corners = corners.reshape(-1, 2).astype(np.float32)
-        corners = self._from_dark_end(grey, corners)
+        corners = self._from_dark_end(grey, _unmirrored(corners, self.inner))
         half = max(2, min(WINDOW, int(0.4 * _closest(corners, self.inner))))
         refined = cv2.cornerSubPix(
             grey, corners.copy().reshape(-1, 1, 2), (half, half), (-1, -1), _REFINED
@@ -95,6 +95,15 @@ class Checkerboard:
         # The square between the first four corners has the colour of the first outer one.
         dark, light = (_mean(grey, grid[0:2, at : at + 2].reshape(4, 2)) for at in (0, 1))
         return corners if dark <= light else corners[::-1]
+
+
+def _unmirrored(corners: np.ndarray, inner: tuple[int, int]) -> np.ndarray:
+    """Reverse the rows if they run clockwise against the columns: boards are seen from above."""
+    grid = corners.reshape(inner[1], inner[0], 2)
+    along, across = grid[0, -1] - grid[0, 0], grid[-1, 0] - grid[0, 0]
+    if along[0] * across[1] - along[1] * across[0] < 0.0:
+        grid = grid[:, ::-1]
+    return grid.reshape(-1, 2)
 
 
 def _mean(grey: np.ndarray, corners: np.ndarray) -> float:

@@ -22,9 +22,7 @@ _LIGHTS = {
 }
 
 
-def add_room(
-    spec: mujoco.MjSpec, lighting: str, light_direction: Float[np.ndarray, "3"]
-) -> None:
+def add_room(spec: mujoco.MjSpec, lighting: str, light_direction: Float[np.ndarray, "3"]) -> None:
     """Floor, four walls, a dado, and the lamps of a lighting (the main one throws shadows)."""
     lamp, window, ambient = _LIGHTS[lighting]
     main = spec.worldbody.add_light()

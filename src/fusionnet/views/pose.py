@@ -59,7 +59,7 @@ class GridPlacement:
 def estimate_pose(
     corners: Float[np.ndarray, "n 2"], board: Checkerboard, matrix: Float[np.ndarray, "3 3"]
 ) -> Float[np.ndarray, "4 4"]:
-    """`camera_from_pattern` by RANSAC over perspective-n-point, refined on the inliers.
+    """`camera_from_pattern` by RANSAC over perspective-n-point, then all inliers.
 
     Args:
         corners: Of the board in an undistorted picture, in pixels, in the order of its points.
@@ -70,17 +70,25 @@ def estimate_pose(
         InputError: If no pose explains the corners.
 
     References:
-        Fischler and Bolles (1981); OpenCV's solvePnPRansac and solvePnPRefineLM.
+        Fischler and Bolles (1981); OpenCV's solvePnPRansac and solvePnP.
     """
     points = board.points
     pixels = np.ascontiguousarray(corners, dtype=float)
-    found, turn, shift, inliers = cv2.solvePnPRansac(
-        points, pixels, matrix, None, reprojectionError=INLIER, confidence=0.999
+    found, _, _, inliers = cv2.solvePnPRansac(
+        points,
+        pixels,
+        matrix,
+        None,
+        iterationsCount=1000,
+        reprojectionError=INLIER,
+        confidence=0.9999,
+        flags=cv2.SOLVEPNP_AP3P,  # the default (EPnP) finds no pose of many flat boards
     )
     if not found or inliers is None or len(inliers) < len(points) // 2:
         raise InputError("No pose of the board explains where its corners are seen.")
     chosen = inliers.ravel()
-    turn, shift = cv2.solvePnPRefineLM(points[chosen], pixels[chosen], matrix, None, turn, shift)
+    # From the inliers anew: OpenCV 5.0 returns the mirrored pose of many flat boards here.
+    _, turn, shift = cv2.solvePnP(points[chosen], pixels[chosen], matrix, None)
     return transform(cv2.Rodrigues(turn)[0], shift.ravel())
 
 
@@ -113,23 +121,28 @@ def facing(camera_from_board: Float[np.ndarray, "4 4"]) -> int:
 def draw_region(
     image: UInt8[np.ndarray, "h w 3"], camera: PinholeCamera, height: int = GRID
 ) -> UInt8[np.ndarray, "h w 3"]:
-    """The picture with the mesh of the grasping region, all its cells' edges (figure 3.3 c).
+    """The picture with the grasping region: its floor of cells and its levels (figure 3.3 c).
 
     Args:
         image: Undistorted.
         camera: Whose frame "robot" is the grid's.
-        height: How many levels of cells to draw.
+        height: Levels of cells, 0 to 8.
     """
-    drawn = np.ascontiguousarray(image.copy())
-    across = np.arange(GRID + 1) * BLOCK_SIZE
-    up = np.arange(height + 1) * BLOCK_SIZE
+    drawn = image.copy()
+    edge = GRID * BLOCK_SIZE
+    steps = np.arange(GRID + 1) * BLOCK_SIZE
     lines = []
-    for first in across:
-        for second in across:  # vertical edges
-            lines.append(((first, second, 0.0), (first, second, up[-1])))
-        for level in up:
-            lines.append(((first, 0.0, level), (first, across[-1], level)))
-            lines.append(((0.0, first, level), (across[-1], first, level)))
+    for step in steps:  # the floor's cells
+        lines.append(((step, 0.0, 0.0), (step, edge, 0.0)))
+        lines.append(((0.0, step, 0.0), (edge, step, 0.0)))
+    top = height * BLOCK_SIZE
+    for step in steps[: height + 1]:  # an outline for each level
+        around = [(0.0, 0.0), (edge, 0.0), (edge, edge), (0.0, edge), (0.0, 0.0)]
+        for (x, y), (other_x, other_y) in zip(around, around[1:], strict=False):
+            lines.append(((x, y, step), (other_x, other_y, step)))
+    for x in (0.0, edge):
+        for y in (0.0, edge):
+            lines.append(((x, y, 0.0), (x, y, top)))
     overlay = drawn.copy()
     for line in lines:
         ends = np.rint(camera.project(np.array(line)) * 8).astype(int)

@@ -34,6 +34,9 @@ COEFFICIENTS = np.array([-0.03, 0.006, -0.004, 0.0])
 _CASTS_SHADOW = 0.1
 """Half size (metres) below which a thing throws shadows: toys do, table, board and walls do not."""
 
+_PAPER = 0.0004
+"""Half the thickness of the board's plates, whose tops are at height 0, in metres."""
+
 OVERSAMPLING = 2
 """Rays along each side of a pixel."""
 
@@ -82,9 +85,7 @@ def lens_of(room: Room, size: tuple[int, int]) -> FisheyeLens:
     """The true lens that a room is photographed with."""
     width, height = size
     focal = FOCAL * width * room.focus
-    matrix = np.array(
-        [[focal, 0.0, 0.503 * width], [0.0, focal, 0.496 * height], [0.0, 0.0, 1.0]]
-    )
+    matrix = np.array([[focal, 0.0, 0.503 * width], [0.0, focal, 0.496 * height], [0.0, 0.0, 1.0]])
     return FisheyeLens(width, height, matrix, COEFFICIENTS)
 
 
@@ -181,14 +182,12 @@ def view_poses(
             yield pose
 
 
-def robot_pose(
-    camera_from_board: Float[np.ndarray, "4 4"], rng: np.random.Generator
-) -> Float[np.ndarray, "4 4"]:
-    """A pose near that of the robot's eye, a few centimetres and degrees away, aimed at the grid."""
-    position = invert(camera_from_board)[:3, 3] + rng.uniform(-0.02, 0.02, 3)
+def robot_pose(eye: Float[np.ndarray, "3"], rng: np.random.Generator) -> Float[np.ndarray, "4 4"]:
+    """A pose a few centimetres from the robot's eye (in the grid's frame), aimed at the grid."""
+    position = eye + rng.uniform(-0.02, 0.02, 3)
     middle = np.array([GRID, GRID, GRID * 0.75]) * BLOCK_SIZE / 2
     back = position - middle
-    distance = float(np.linalg.norm(back)) * 1.15  # the whole of it must be in the picture
+    distance = float(np.linalg.norm(back)) * 1.25  # the whole of it must be in the picture
     azimuth = float(np.arctan2(back[1], back[0]))
     elevation = float(np.arcsin(back[2] / np.linalg.norm(back)))
     return looking_at(middle, azimuth, elevation, distance, rng.uniform(-0.03, 0.03))
@@ -243,27 +242,24 @@ def _add_board(spec: mujoco.MjSpec) -> None:
     """The paper and its squares, where the grid says that they are."""
     board_from_pattern = invert(PLACEMENT.pattern_from_board(BOARD))
     square = BOARD.square
-    middle = np.array([BOARD.columns / 2 - 1, BOARD.rows / 2 - 1, 0.0]) * square
     quaternion = np.array([1.0, 0.0, 0.0, 0.0])
     mujoco.mju_mat2Quat(quaternion, board_from_pattern[:3, :3].ravel())
 
-    def plate(at: np.ndarray, half: tuple[float, float, float], color: float) -> None:
+    def plate(x: float, y: float, below: float, half: tuple[float, float], color: float) -> None:
         geom = spec.worldbody.add_geom()
         geom.type = mujoco.mjtGeom.mjGEOM_BOX
-        geom.pos = board_from_pattern[:3, :3] @ at + board_from_pattern[:3, 3]
+        center = np.array([x, y, below + _PAPER])  # z of the pattern points into the board
+        geom.pos = board_from_pattern[:3, :3] @ center + board_from_pattern[:3, 3]
         geom.quat = quaternion
-        geom.size = np.array(half)
+        geom.size = np.array([*half, _PAPER])
         geom.rgba = np.array([color, color, 1.02 * color, 1.0]).clip(0.0, 1.0)
 
-    paper = 0.0004
-    margin = 0.01
-    plate(
-        middle,
-        (BOARD.columns * square / 2 + margin, BOARD.rows * square / 2 + margin, paper),
-        0.86,
-    )
+    width, height = BOARD.columns * square, BOARD.rows * square
+    border = 0.01
+    half = (width / 2 + border, height / 2 + border)
+    plate(width / 2 - square, height / 2 - square, 0.00005, half, 0.86)
     for column in range(BOARD.columns):
         for row in range(BOARD.rows):
             if (column + row) % 2 == 0:
-                at = np.array([(column - 0.5) * square, (row - 0.5) * square, 0.0])
-                plate(at, (square / 2, square / 2, paper + 0.0001), 0.06)
+                x, y = (column - 0.5) * square, (row - 0.5) * square
+                plate(x, y, 0.0, (square / 2, square / 2), 0.06)
