@@ -21,7 +21,7 @@ from fusionnet.training.simulated_readings import cells_of, simulated_readings
 Losses = Callable[[Any, FusionBatch], Mapping[str, torch.Tensor]]
 
 
-def fusion_config(steps: int, seed: int, **loop: Any) -> FusionConfig:
+def fusion_config(steps: int, seed: int, batch: int = 64, **loop: Any) -> FusionConfig:
     """The configuration of the shipped fusion part, with fewer steps; `loop` changes its loop."""
     chosen = {
         "learning_rate": 0.04,
@@ -33,7 +33,7 @@ def fusion_config(steps: int, seed: int, **loop: Any) -> FusionConfig:
         "save_every": 50,
         **loop,
     }
-    return FusionConfig(seed=seed, loop=LoopConfig(steps=steps, seed=seed, **chosen))
+    return FusionConfig(seed=seed, batch=batch, loop=LoopConfig(steps=steps, seed=seed, **chosen))
 
 
 def train_fusion(

@@ -29,6 +29,7 @@ SIZES: dict[Scale, tuple[int, ...]] = {
     "thesis": (30, 60, 125, 250, 500, 1000, 2000),
 }
 STEPS: dict[Scale, int] = {"smoke": 3, "small": 120, "thesis": 2000}
+BATCH: dict[Scale, int] = {"smoke": 4, "small": 64, "thesis": 64}
 EPISODES: dict[Scale, int] = {"smoke": 2, "small": 50, "thesis": 229}
 
 
@@ -43,7 +44,7 @@ def run(trial: Trial) -> Outcome:
     learnt = corpus.split("train")
     order = generator(trial.seed, "amount of data").permutation(len(learnt))
     some = [learnt[i] for i in order[: trial.variant.values["commands"]]]
-    config = fusion_config(STEPS[trial.scale], trial.seed)
+    config = fusion_config(STEPS[trial.scale], trial.seed, BATCH[trial.scale])
     model, history = train_fusion(some, config, trial)
     test = corpus.split("test")
     occupancy, holding = readings_of(test, trial.seed)
