@@ -165,10 +165,13 @@ class Search:
     Attributes:
         trials: How many, by scale.
         propose: Draws a variant from an Optuna trial; the same values give the same variant.
+        seeds: How many seeds a trial is judged by, by scale; all by default. The best trial is
+            run with all at the end.
     """
 
     trials: Mapping[Scale, int]
     propose: Callable[[optuna.Trial], Variant]
+    seeds: Mapping[Scale, int] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -8,7 +8,7 @@ from pathlib import Path
 from fusionnet.experiments._experiment import Experiment, Progress
 from fusionnet.experiments._records import Record, record_file
 from fusionnet.experiments._runner import Plan, run_trial, trial_of
-from fusionnet.experiments._search import forget_study, search_variants
+from fusionnet.experiments._search import forget_study, judged_by, search_variants
 
 Report = Callable[[int, int], None]
 
@@ -35,8 +35,10 @@ def reproduce(
     """
     seeds = range(plan.seeds or experiment.seeds[plan.scale])
     variants = list(experiment.variants(plan.scale))
-    searched = experiment.search.trials[plan.scale] if experiment.search else 0
-    total = (len(variants) + searched) * len(seeds)
+    total = len(variants) * len(seeds)
+    if experiment.search is not None:
+        each = judged_by(experiment.search, plan.scale, len(seeds))
+        total += (experiment.search.trials[plan.scale] - 1) * each + len(seeds)
     trials = [trial_of(experiment, plan, v, seed, within) for seed in seeds for v in variants]
     if plan.again:
         _forget(experiment, plan)

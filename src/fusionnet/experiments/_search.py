@@ -15,9 +15,15 @@ import optuna
 from optuna.storages.journal import JournalFileBackend
 from optuna.trial import TrialState
 
-from fusionnet.experiments._experiment import Experiment, Progress, Variant
+from fusionnet.experiments._experiment import (
+    Experiment,
+    Progress,
+    Scale,
+    Search,
+    Variant,
+)
 from fusionnet.experiments._locks import Lock
-from fusionnet.experiments._records import Record, read_record, record_file
+from fusionnet.experiments._records import Record, record_file
 from fusionnet.experiments._runner import Plan, run_trial, trial_of
 
 JOURNAL = "study.journal"
@@ -49,7 +55,9 @@ def search_variants(
         direction="minimize" if experiment.lower_is_better else "maximize",
         load_if_exists=True,
     )
-    wanted = experiment.search.trials[plan.scale]
+    search = experiment.search
+    wanted = search.trials[plan.scale]
+    some = seeds[: judged_by(search, plan.scale, len(seeds))]
     asking = Lock(plan.work, _name(experiment, plan) / "ask")
     while _count(study, TrialState.COMPLETE) < wanted:
         if not asking.acquire():
@@ -62,13 +70,18 @@ def search_variants(
             continue
         trial, lock = mine
         with lock:
-            variant = experiment.search.propose(trial)
-            study.tell(trial, _mean(experiment, plan, variant, seeds, within))
+            variant = search.propose(trial)
+            study.tell(trial, _mean(experiment, plan, variant, some, note, within))
+    best = study.best_trial.number
     for finished in study.get_trials(deepcopy=False, states=[TrialState.COMPLETE]):
-        variant = experiment.search.propose(optuna.trial.FixedTrial(finished.params))  # type: ignore[arg-type]
-        for seed in seeds:
-            file = record_file(plan.results, trial_of(experiment, plan, variant, seed))
-            note(file, read_record(file))
+        variant = search.propose(optuna.trial.FixedTrial(finished.params))  # type: ignore[arg-type]
+        own = seeds if finished.number == best else some
+        _mean(experiment, plan, variant, own, note, within)
+
+
+def judged_by(search: Search, scale: Scale, seeds: int) -> int:
+    """How many of some seeds each trial of a search is judged by."""
+    return min(seeds, search.seeds.get(scale, seeds))
 
 
 def _next(
@@ -113,14 +126,16 @@ def _mean(
     plan: Plan,
     variant: Variant,
     seeds: range,
+    note: Callable[[Path, Record], None],
     within: Progress | None,
 ) -> float:
-    """Mean of the deciding metric over the seeds."""
+    """Mean of the deciding metric over the seeds, from records that are made if missing."""
     values = []
     for seed in seeds:
         trial = trial_of(experiment, plan, variant, seed, within)
         while (record := run_trial(experiment, plan, trial)) is None:
             time.sleep(PAUSE)
+        note(record_file(plan.results, trial), record)
         values.append(record.metrics[experiment.metric])
     return sum(values) / len(values)
 

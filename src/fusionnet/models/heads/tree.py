@@ -48,7 +48,7 @@ class TreeHead(Head):
 
     @staticmethod
     def metric(
-        found: Sequence[Int[Tensor, " _"]], truth: Sequence[Int[Tensor, " s"]]
+        found: Sequence[Int[Tensor, " _"]], truth: Sequence[Int[Tensor, " _"]]
     ) -> dict[str, float]:
         """`token_accuracy`: share of tokens right, given the true ones before (table 7.4)."""
         right = [
