@@ -228,4 +228,5 @@ def test_exact_joints_land_the_block_and_wrong_ones_do_not(config):
     assert executed("nico", sample, joints, 0)
     assert not executed("nico", sample, joints + 0.1, 0)
     assert not executed("nico", sample, joints + 1.0, 0)
-    assert degrees(joints[None] + np.pi / 180, joints[None])["grasp_error_deg"] == pytest.approx(1)
+    off = degrees(joints[None] + np.pi / 180, joints[None])
+    assert off["grasp_error_degrees"] == pytest.approx(1)

@@ -89,9 +89,10 @@ def run(
         folder=config.work,
         progress=progress,
     )
-    measured = {"train": measure(model, learnt, config.checked)}
+    measured = {}
     for split, examples in checked.items():
-        measured[split] = measure(model, examples, config.checked, episodes=config.episodes)
+        episodes = 0 if split == "train" else config.episodes
+        measured[split] = measure(model, examples, config.checked, episodes=episodes)
     return model, history, measured
 
 

@@ -115,9 +115,9 @@ class ThesisFusionConfig:
         outputs: Names in `models.heads`; what is left out has no loss and costs no time (7.1).
         detector: Checkpoint of a trained RetinaNet to begin with (7.5).
         translator: Checkpoint of a trained Transformer to begin with, with its vocabularies.
-        check: Splits that are measured at the end; the training split is measured as well.
+        check: Splits that are measured at the end.
         checked: Samples of each that are measured at most.
-        episodes: Samples of each split of `check` that are executed in the simulator.
+        episodes: Samples of each split of `check` but train that are executed in the simulator.
         batch: Samples a step.
         crop: Whether pictures are cropped to the placement region.
         noise: Whether training pictures are moved by level-two noise.
@@ -138,7 +138,7 @@ class ThesisFusionConfig:
     outputs: tuple[str, ...] = THESIS_HEADS
     detector: Path | None = None
     translator: Path | None = None
-    check: tuple[str, ...] = ("sim_val", "sim")
+    check: tuple[str, ...] = ("train", "sim_val", "sim")
     checked: int = 500
     episodes: int = 0
     batch: int = 1

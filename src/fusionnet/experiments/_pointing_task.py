@@ -1,0 +1,131 @@
+"""A reduced task on which representations can be ablated in minutes: few blocks, short commands.
+
+Two to five blocks on the table, a sentence of at most twelve words of our own grammar that moves
+one of them, one picture through the robot's left eye with chance in light, camera and blocks.
+Training and test commands are drawn from different numbers of the same generator, so their
+layouts differ; their kind does not.
+"""
+
+import io
+from collections.abc import Callable
+from dataclasses import dataclass
+from dataclasses import replace as replaced
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Int, UInt8
+
+from fusionnet.blocks import plan
+from fusionnet.corpora import Command, synthetic
+from fusionnet.dataset.pictures import EYE_FRAME, label
+from fusionnet.files import write_whole
+from fusionnet.models.target_text import source_tokens, target_tokens
+from fusionnet.randomness import generator
+from fusionnet.rcl import format as format_tree
+from fusionnet.simulation import Appearance
+from fusionnet.simulation.renderer import SceneRenderer
+
+FEWEST, MOST = 2, 5
+LONGEST = 12
+INPUT_SIZE = (176, 152)
+"""Width and height of the pictures, half of the compact detector's."""
+
+_SEED = 7_000
+
+
+@dataclass(frozen=True)
+class PointingSet:
+    """Commands with their pictures.
+
+    Attributes:
+        commands: What is asked, in which scene.
+        pictures: Through the left eye, cropped to the grid.
+        cells: Class of each of the 512 cells; 16 where there is no block.
+        source, target: Index of the cell to grasp at and of the one to place at.
+        sentences, trees: Their tokens.
+    """
+
+    commands: list[Command]
+    pictures: UInt8[np.ndarray, "n h w 3"]
+    cells: Int[np.ndarray, "n 512"]
+    source: Int[np.ndarray, " n"]
+    target: Int[np.ndarray, " n"]
+    sentences: list[list[str]]
+    trees: list[list[str]]
+
+
+def pointing_set(
+    folder: Path, count: int, first: int, progress: Callable[[int, int], None] | None = None
+) -> PointingSet:
+    """Commands from number `first` on that are short and simple enough; pictures are kept.
+
+    Args:
+        folder: Where pictures are kept between runs.
+        count: Commands wanted.
+        first: Number of the generator's command to begin with.
+        progress: Called with pictures done and pictures in all.
+    """
+    commands = _simple(count, first)
+    file = folder / f"pointing-{first}-{count}.npz"
+    if not file.is_file():
+        _render(file, commands, first, progress)
+    with np.load(file, allow_pickle=False) as stored:
+        pictures, cells = stored["pictures"], stored["cells"]
+    moves = [plan(command.tree, command.scene.before) for command in commands]
+    return PointingSet(
+        commands=commands,
+        pictures=pictures,
+        cells=cells,
+        source=np.array([move.source.index for move in moves]),
+        target=np.array([move.target.index for move in moves]),
+        sentences=[source_tokens(command.sentence) for command in commands],
+        trees=[
+            target_tokens("short", command.sentence, format_tree(command.tree))
+            for command in commands
+        ],
+    )
+
+
+def _simple(count: int, first: int) -> list[Command]:
+    """The next commands that move one of few blocks from the table or a stack to another place."""
+    found: list[Command] = []
+    for command in synthetic.commands(_SEED, first):
+        before = command.scene.before
+        if not FEWEST <= len(before.blocks) <= MOST or before.held is not None:
+            continue
+        if len(source_tokens(command.sentence)) > LONGEST:
+            continue
+        move = plan(command.tree, before)
+        if move.begins_held or move.ends_held:
+            continue
+        found.append(command)
+        if len(found) == count:
+            break
+    return found
+
+
+def _render(
+    file: Path,
+    commands: list[Command],
+    first: int,
+    progress: Callable[[int, int], None] | None,
+) -> None:
+    renderer = SceneRenderer("nico", (480, 270))
+    left, top, right, bottom = (edge // 2 for edge in EYE_FRAME.crop)
+    frame = replaced(
+        EYE_FRAME,
+        eye_size=(480, 270),
+        crop=(left, top, right, bottom),
+        input_size=INPUT_SIZE,
+    )
+    pictures, cells = [], []
+    for number, command in enumerate(commands):
+        look = Appearance.sample(generator(_SEED, "pointing look", first, number), strength=0.5)
+        picture, labels = label(renderer, command.scene.before, look, frame)
+        pictures.append(picture)
+        cells.append(labels.cells)
+        if progress is not None:
+            progress(number + 1, len(commands))
+    stream = io.BytesIO()
+    np.savez_compressed(stream, pictures=np.stack(pictures), cells=np.stack(cells))
+    write_whole(file, stream.getvalue())
