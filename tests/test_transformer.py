@@ -187,6 +187,7 @@ def test_a_tree_is_its_tokens(tree):
     tokens = [token.text for token in tokenize(format(tree))]
     assert parse(text_of(tokens)) == tree
     assert format(parse(text_of(tokens))) == format(tree)
+    assert text_of([]) == ""
 
 
 # --- training and translating ------------------------------------------------------------------

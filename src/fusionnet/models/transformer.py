@@ -210,6 +210,13 @@ class Transformer(SentenceReader):
             counted += int(asked.sum())
         return right / max(counted, 1), entropy / max(counted, 1)
 
+    @torch.inference_mode()
+    def missed(self, source: Sequence[str], target: Sequence[str]) -> list[int]:
+        """The numbers that should stand where wrong ones do, given the right ones before each."""
+        given, wanted = self.targets([target])
+        written = self.network(self._numbers([source]), given).argmax(-1)
+        return [int(number) for number in wanted[written != wanted]]
+
     def targets(
         self, rows: Sequence[Sequence[str]]
     ) -> tuple[Int[Tensor, "b s"], Int[Tensor, "b s"]]:
@@ -241,8 +248,8 @@ class Transformer(SentenceReader):
 
 def text_of(tokens: Sequence[str]) -> str:
     """A tree's text from its tokens: a space stands only between two words."""
-    gaps = (" " if a[-1].isalnum() and b[0].isalnum() else "" for a, b in pairwise(tokens))
-    return "".join(token + gap for token, gap in zip(tokens, [*gaps, ""], strict=True))
+    gaps = (" " if a[-1].isalnum() and b[0].isalnum() else "" for a, b in pairwise([*tokens, ")"]))
+    return "".join(token + gap for token, gap in zip(tokens, gaps, strict=True))
 
 
 def _texts(text: str) -> list[str]:

@@ -1,0 +1,94 @@
+"""Runs of chapter 5: a Transformer of some sizes, trained, and measured as the thesis did."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+import torch
+
+from fusionnet.corpora import Command
+from fusionnet.experiments._experiment import Outcome, Scale, Trial
+from fusionnet.experiments._sources import corpus_for
+from fusionnet.models.transformer import Transformer
+from fusionnet.training.loop import LogLine, LoopConfig, fit
+from fusionnet.training.schedules import ScheduleConfig
+from fusionnet.training.transformer import (
+    ThesisTranslatorConfig,
+    batches,
+    new_transformer,
+    thesis_loop,
+    transformer_losses,
+)
+
+SMALL_RATE = 5e-3
+"""Peak of the one-cycle at the smaller scales: 4000 steps of warm-up would never end there."""
+
+
+def loop_of(scale: Scale, steps: int, seed: int) -> LoopConfig:
+    """The thesis's optimiser; its schedule only where there are steps enough for it."""
+    loop = replace(thesis_loop(), steps=steps, seed=seed, tensorboard=False)
+    if scale == "thesis":
+        return loop
+    return replace(
+        loop,
+        learning_rate=SMALL_RATE,
+        schedule=ScheduleConfig(kind="one-cycle"),
+        accelerator="cpu",
+        log_every=max(1, steps // 20),
+        save_every=50,
+    )
+
+
+def trained(
+    trial: Trial, sizes: Mapping[str, Any], steps: int, learnt: int = 0
+) -> tuple[Transformer, list[Command], Outcome]:
+    """A Transformer of some sizes, the validation commands, and what was measured of both.
+
+    Args:
+        trial: Whose corpus, seed and state.
+        sizes: Fields of `ThesisTranslatorConfig`.
+        steps: Optimiser steps.
+        learnt: How many commands of the training groups, evenly spread; 0 for all.
+    """
+    torch.set_num_threads(1)
+    corpus = corpus_for(trial)
+    config = ThesisTranslatorConfig(
+        loop=loop_of(trial.scale, steps, trial.seed), seed=trial.seed, **sizes
+    )
+    commands: Sequence[Command] = corpus.split("train")
+    if learnt:
+        commands = commands[:: max(1, len(commands) // learnt)][:learnt]
+    translator, pairs = new_transformer(commands, config)
+    rate = config.loop.learning_rate
+    if trial.scale == "thesis":
+        rate *= translator.network.config.model_size**-0.5
+    history: list[LogLine] = fit(
+        translator.network,
+        lambda first: batches(pairs, translator, config, first),
+        transformer_losses,
+        replace(config.loop, learning_rate=rate),
+        folder=trial.state,
+        progress=trial.progress,
+    )
+    translator.network.cpu()
+    checked = corpus.split("val")
+    accuracy, entropy = translator.teacher_forced(
+        [command.sentence for command in checked],
+        [None] * len(checked),
+        [command.tree for command in checked],
+    )
+    outcome = Outcome(
+        metrics={"cross_entropy": entropy, "token_accuracy": accuracy},
+        configuration={
+            **sizes,
+            "steps": steps,
+            "learning_rate": config.loop.learning_rate,
+            "corpus": corpus.name,
+            "commands": len(commands),
+            "pairs": len(pairs),
+            "measured": len(checked),
+            "parameters": sum(p.numel() for p in translator.network.parameters()),
+        },
+        curves={n: [round(float(line[n]), 5) for line in history] for n in ("step", "tokens")},
+    )
+    return translator, checked, outcome
