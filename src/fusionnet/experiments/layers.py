@@ -26,7 +26,7 @@ OTHERS: dict[Scale, dict[str, tuple[int, ...]]] = {
         "feed_forward_size": (128, 1024),
     },
     "thesis": {
-        "layers": (6, 8, 10),
+        "layers": (2, 6, 8, 10),
         "heads": (2, 8),
         "attention_size": (32, 128, 256),
         "feed_forward_size": (128, 1024, 2048),
@@ -85,7 +85,7 @@ EXPERIMENT = Experiment(
         "5 epochs; N_m of 2, 4, 6; one number at a time varied around the thesis's best. Far from "
         "converged: it tells which set-up learns fastest, not where they end.",
         "thesis": "Treebank in place of the ETR data; one number at a time varied around the "
-        "thesis's best, in place of combinations that the thesis does not list.",
+        "thesis's best, in place of combinations that the thesis does not list; N_m of 2 as well.",
     },
     metric="cross_entropy",
     lower_is_better=True,
