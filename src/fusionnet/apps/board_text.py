@@ -29,8 +29,8 @@ LEGEND = (
 )
 
 
-def board_text(layout: Layout, title: str) -> Text:
-    """The board as lines of text, with the gripper below it."""
+def board_text(layout: Layout, title: str, *, gripper: bool = True) -> Text:
+    """The board as lines of text, with the gripper below it if it is known where it is."""
     columns = layout.columns
     width = max([1, *map(len, columns.values())])
     text = Text(f"{title}\n", style="bold")
@@ -46,6 +46,8 @@ def board_text(layout: Layout, title: str) -> Text:
         text.append("\n")
     numbers = "".join(f" {y:<{width}}" for y in reversed(range(GRID)))
     text.append(f"  {numbers} y\n", style="dim")
+    if not gripper:
+        return text
     at = tuple(layout.gripper.cell)
     held = layout.held
     if held is None:

@@ -45,6 +45,7 @@ COMMANDS = {
         "let the arm do a move, given values, or a run again", "fusionnet.apps.simulate:simulate"
     ),
     "doctor": Entry("say what works on this machine", "fusionnet.apps.doctor:doctor"),
+    "detect": Entry("the blocks in pictures, and the layout", "fusionnet.apps.detect:detect"),
     "evaluate policy": Entry(
         "executed success and joint error of a policy", "fusionnet.apps.evaluate:policy"
     ),

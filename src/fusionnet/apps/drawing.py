@@ -80,7 +80,7 @@ def around(boxes: Sequence[Box], size: tuple[int, int]) -> tuple[int, int, int, 
 
 
 def draw_boxes(
-    image: UInt8[np.ndarray, "h w 3"], boxes: Sequence[Box]
+    image: UInt8[np.ndarray, "h w 3"], boxes: Sequence[Box], *, whole: bool = False
 ) -> UInt8[np.ndarray, "tall wide 3"]:
     """The part of the picture `around` the boxes, enlarged, with every box and its label.
 
@@ -91,9 +91,10 @@ def draw_boxes(
     Args:
         image: RGB.
         boxes: Corners in pixels of `image`.
+        whole: Draw the whole picture instead of a part.
     """
     height, width = image.shape[:2]
-    part = around(boxes, (width, height))
+    part = (0, 0, width, height) if whole else around(boxes, (width, height))
     scale = max(1.0, _WIDEST / (part[2] - part[0]))
     size = (round((part[2] - part[0]) * scale), round((part[3] - part[1]) * scale))
     picture = Image.fromarray(image).resize(size, Image.Resampling.BICUBIC, box=part)

@@ -59,6 +59,36 @@ class Sight:
     corners: Float[np.ndarray, "81 2"]
 
 
+BOARD_SEEN = 0.4
+"""Least `board_evidence` at which a board is taken to be seen; measured in `docs/detector.md`."""
+
+
+def board_evidence(image: UInt8[np.ndarray, "h w 3"], corners: Float[np.ndarray, "81 2"]) -> float:
+    """How clearly a checkerboard lies where its corners are said to be: 1 wholly, 0 by chance.
+
+    Around every inner corner the four squares of a board are bright and dark by turns. What
+    of the contrast there has that pattern counts; blocks hide some corners, and a picture
+    without a board, or with one elsewhere, has it about as often reversed.
+
+    Args:
+        image: The picture, in whose pixels the corners are.
+        corners: As `Sight.corners`.
+    """
+    grey = image.astype(np.float32).mean(axis=2)
+    grid = corners.reshape(9, 9, 2)
+    centers = (grid[:-1, :-1] + grid[1:, :-1] + grid[:-1, 1:] + grid[1:, 1:]) / 4
+    places = np.rint(centers - 0.5).astype(int)
+    inside = ((places >= 0) & (places < [image.shape[1], image.shape[0]])).all(axis=2)
+    places = np.clip(places, 0, [image.shape[1] - 1, image.shape[0] - 1])
+    squares = cv2.blur(grey, (3, 3))[places[..., 1], places[..., 0]]
+    parity = np.indices((8, 8)).sum(axis=0) % 2 * 2.0 - 1.0
+    signed = (squares - cv2.blur(squares, (3, 3), borderType=cv2.BORDER_REFLECT)) * parity
+    contrast = np.abs(signed)
+    if inside.mean() < 0.5 or contrast[inside].sum() < 1.0:
+        return 0.0
+    return float(abs(signed[inside].sum()) / contrast[inside].sum())
+
+
 def padded_to_aspect(
     image: UInt8[np.ndarray, "h w 3"], size: tuple[int, int]
 ) -> UInt8[np.ndarray, "h2 w2 3"]:

@@ -40,7 +40,7 @@ def read_picture(path: Path) -> UInt8[np.ndarray, "h w 3"]:
             picture = Image.open(path, formats=FORMATS)
         with picture:
             _check_size(path, *picture.size)
-            upright = ImageOps.exif_transpose(picture).convert("RGB")
+            upright = _eight_bits(ImageOps.exif_transpose(picture)).convert("RGB")
     except InputError:
         raise
     except UnidentifiedImageError:
@@ -50,6 +50,13 @@ def read_picture(path: Path) -> UInt8[np.ndarray, "h w 3"]:
     except (OSError, ValueError, SyntaxError, EOFError) as error:
         raise InputError(f"The picture {path} is damaged: {error}.") from None
     return np.asarray(upright)
+
+
+def _eight_bits(picture: Image.Image) -> Image.Image:
+    """A grey picture of sixteen bits with its upper eight; PIL would clip it to white."""
+    if not picture.mode.startswith("I"):
+        return picture
+    return Image.fromarray(np.clip(np.asarray(picture) >> 8, 0, 255).astype(np.uint8))
 
 
 def _check_size(path: Path, width: int, height: int) -> None:
