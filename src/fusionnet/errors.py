@@ -40,6 +40,10 @@ class NotUnderstoodError(FusionNetError, ValueError):
     """A sentence could not be read as a command; the message names what was not known."""
 
 
+class DoubtError(FusionNetError, ValueError):
+    """The neural and the symbolic answer disagree, and the policy was told not to move then."""
+
+
 class UnreachableError(FusionNetError, ValueError):
     """Inverse kinematics found no solution.
 

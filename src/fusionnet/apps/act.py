@@ -17,6 +17,8 @@ from fusionnet.policy import Answer, Policy
 from fusionnet.sentences import words_of
 from fusionnet.simulation import make_world
 
+EYES = {"left": ("left",), "both": ("left", "right")}
+
 
 class NothingDoneError(FusionNetError):
     """The policy refused what the corpus knows to be possible."""
@@ -42,6 +44,7 @@ def look_and_act(
 
     Raises:
         NothingDoneError: If the policy refuses what the corpus knows to be possible.
+        DoubtError: If the policy checks, and would rather not move.
         FusionNetError: If the sentence cannot be understood or done there.
     """
     robot, seed = policy.robot.name, config.seed or 0
@@ -50,18 +53,18 @@ def look_and_act(
     if picture is None:
         with timed(seconds, "world"):
             world = make_world(robot=robot, seed=seed, layout=setting.layout)
-            view = world.image("left_eye")
+            views = [world.image(f"{eye}_eye") for eye in EYES[config.eyes]]
         recorded = _recorded(config.sentence, setting)
         with timed(seconds, "answer"):
-            answer = _answer(policy, view, config.sentence, recorded, world.layout)
+            answer = _answer(policy, views, config.sentence, recorded, world.layout)
         if recorded is not None:
             expected, reference = recorded, "recorded"
         else:
             expected, reference = _planned(answer, world.layout), "understood"
     else:
-        view = picture
+        views = [picture]
         with timed(seconds, "answer"):
-            answer = policy(view, config.sentence)
+            answer = policy(views, config.sentence)
         with timed(seconds, "world"):
             world = make_world(robot=robot, seed=seed, layout=_as_read(answer.layout))
     before = world.layout
@@ -73,7 +76,7 @@ def look_and_act(
         robot=robot,
         origin=setting.origin,
         seed=seed,
-        picture=view,
+        picture=views[0],
         answer=answer,
         episode=episode,
         layout=before,
@@ -108,7 +111,7 @@ def _recorded(sentence: str, setting: Setting) -> Layout | None:
 
 def _answer(
     policy: Policy,
-    view: UInt8[np.ndarray, "h w 3"],
+    views: list[UInt8[np.ndarray, "h w 3"]],
     sentence: str,
     recorded: Layout | None,
     layout: Layout,
@@ -121,7 +124,7 @@ def _answer(
         NotUnderstoodError, PlanningError: If it refuses any other sentence.
     """
     try:
-        return policy(view, sentence)
+        return policy(views, sentence)
     except (NotUnderstoodError, PlanningError) as refusal:
         if recorded is not None:
             raise NothingDoneError(f"Missed: the arm did not move. {refusal}") from refusal

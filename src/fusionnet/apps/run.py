@@ -13,7 +13,7 @@ from fusionnet.apps.cli import EXIT_MISSED
 from fusionnet.apps.output_folder import check_writable
 from fusionnet.apps.setting import setting_of
 from fusionnet.catalogue import did_you_mean
-from fusionnet.errors import CheckpointError, UnknownNameError
+from fusionnet.errors import CheckpointError, DoubtError, UnknownNameError
 from fusionnet.sentences import readable_words
 from fusionnet.views.picture_file import read_picture
 
@@ -55,6 +55,12 @@ class RunConfig:
     policy: str = "fusion"
     """What answers: "fusion", "symbolic", or the folder of a checkpoint."""
 
+    eyes: Literal["left", "both"] = "left"
+    """Whether the left eye looks, or both."""
+
+    check: bool = False
+    """Do not move where the network and the planner disagree, and say why."""
+
     out: Annotated[Path | None, _says("fusionnet-run, or none with --json")] = None
     """Folder to write."""
 
@@ -91,11 +97,11 @@ def run(config: RunConfig) -> int:
     # One picture, small networks: a second thread gains little on an idle machine, and on a
     # busy one it waits twenty times longer than it works.
     torch.set_num_threads(1)
-    policy = load_policy(checkpoint, kind, seed=config.seed or 0)
+    policy = load_policy(checkpoint, kind, seed=config.seed or 0, check=config.check)
     seconds = {"load": time.perf_counter() - begin}
     try:
         record = look_and_act(config, setting, picture, policy, seconds, film=out is not None)
-    except NothingDoneError as error:
+    except (NothingDoneError, DoubtError) as error:
         print(f"fusionnet: {error}", file=sys.stderr)
         return EXIT_MISSED
     if out is not None:

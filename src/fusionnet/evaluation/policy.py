@@ -15,7 +15,7 @@ import numpy as np
 
 from fusionnet.blocks import Layout, Move, apply, plan
 from fusionnet.corpora import Command, load_corpus
-from fusionnet.errors import InputError, NotUnderstoodError, PlanningError
+from fusionnet.errors import DoubtError, InputError, NotUnderstoodError, PlanningError
 from fusionnet.evaluation.intervals import wilson_interval
 from fusionnet.policy import Answer, Kind, Policy, load_policy
 from fusionnet.randomness import derived_seed, generator
@@ -24,9 +24,12 @@ from fusionnet.robots import Robot
 from fusionnet.simulation import Appearance, joint_targets, make_world
 
 Outcome = Literal[
-    "reached", "not understood", "read wrong", "saw wrong", "pointed wrong", "slipped"
+    "reached", "not understood", "doubted", "read wrong", "saw wrong", "pointed wrong", "slipped"
 ]
 """What became of an episode, and which part is to blame when it failed."""
+
+EYES = {"left": ("left_eye",), "both": ("left_eye", "right_eye")}
+"""Cameras of the robot that look."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -40,6 +43,8 @@ class PolicyEvaluation:
         policy: `fusion` or `symbolic`.
         checkpoint: A shipped name or a folder of checkpoints.
         episodes: How many; commands are drawn again, in other looks, if there are fewer.
+        eyes: Whether the left eye looks, or both.
+        check: Whether the policy refuses to move where its two kinds disagree.
         strength: Of the camera's and blocks' displacement; 0 leaves only light and colours.
         seed: Of the drawing, the looks and the policy's vote.
     """
@@ -50,6 +55,8 @@ class PolicyEvaluation:
     policy: Kind = "fusion"
     checkpoint: str = "compact"
     episodes: int = 300
+    eyes: Literal["left", "both"] = "left"
+    check: bool = False
     strength: float = 1.0
     seed: int = 0
 
@@ -94,17 +101,23 @@ class PolicyReport:
         outcomes = Counter(record.outcome for record in self.records)
         reached = outcomes["reached"]
         low, high = wilson_interval(reached, len(self.records))
+        wrong = sum(r.outcome != "reached" and r.squared_error is not None for r in self.records)
+        wrong_low, wrong_high = wilson_interval(wrong, len(self.records))
         answered = [r for r in self.records if r.squared_error is not None]
         return {
             "corpus": self.config.corpus,
             "split": self.config.split,
             "policy": self.config.policy,
             "checkpoint": self.config.checkpoint,
+            "eyes": self.config.eyes,
+            "check": self.config.check,
             "seed": self.config.seed,
             "n": len(self.records),
             "answered": len(answered),
             "executed_success": round(reached / len(self.records), 4),
             "executed_success_95": [round(low, 4), round(high, 4)],
+            "wrong_moves": round(wrong / len(self.records), 4),
+            "wrong_moves_95": [round(wrong_low, 4), round(wrong_high, 4)],
             "joint_mse": _mean([r.squared_error for r in answered], 6),
             "grasp_error_deg": _mean([r.grasp_degrees for r in answered], 3),
             "place_error_deg": _mean([r.place_degrees for r in answered], 3),
@@ -131,7 +144,7 @@ def evaluate(
     commands = load_corpus(config.corpus, config.data).split(config.split)
     if not commands:
         raise InputError(f"The corpus {config.corpus!r} has no commands in {config.split!r}.")
-    policy = load_policy(config.checkpoint, config.policy, seed=config.seed)
+    policy = load_policy(config.checkpoint, config.policy, seed=config.seed, check=config.check)
     report = PolicyReport(config)
     for index in range(config.episodes):
         round_number, row = divmod(index, len(commands))
@@ -155,16 +168,15 @@ def _episode(
         layout=before,
         appearance=look,
     )
-    image = world.image("left_eye")
+    images = [world.image(eye) for eye in EYES[config.eyes]]
     wanted = plan(command.tree, before)
     after = apply(wanted, before)  # recorded; a take is held as planned
     began = time.perf_counter()
     try:
-        answer = policy(image, command.sentence)
-    except (NotUnderstoodError, PlanningError) as error:
+        answer = policy(images, command.sentence)
+    except (NotUnderstoodError, PlanningError, DoubtError) as error:
         milliseconds = 1000 * (time.perf_counter() - began)
-        understood = not isinstance(error, NotUnderstoodError)
-        blame: Outcome = _blame_refusal(policy, command, after) if understood else "not understood"
+        blame = _blame_refusal(error, policy, command, after)
         return EpisodeRecord(command.id, blame, str(error), None, None, None, milliseconds)
     milliseconds = 1000 * (time.perf_counter() - began)
     episode = world.execute(answer, expected=after)
@@ -190,8 +202,12 @@ def joint_errors(robot: Robot, given: np.ndarray, wanted: np.ndarray) -> tuple[f
     return squared, float(degrees[: middle - 1].mean()), float(degrees[middle:-1].mean())
 
 
-def _blame_refusal(policy: Policy, command: Command, after: Layout) -> Outcome:
-    """Whether a refused command was read or seen wrong."""
+def _blame_refusal(error: Exception, policy: Policy, command: Command, after: Layout) -> Outcome:
+    """Why a command was refused; of a planner's refusal, whether it was read or seen wrong."""
+    if isinstance(error, NotUnderstoodError):
+        return "not understood"
+    if isinstance(error, DoubtError):
+        return "doubted"
     before = command.scene.before
     readings = policy.translator.translate(command.sentence, holding=before.held is not None)
     return "saw wrong" if _reaches(readings[0].tree, before, after) else "read wrong"

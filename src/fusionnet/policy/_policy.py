@@ -1,4 +1,4 @@
-"""A policy: one picture and one sentence in, joint angles and the evidence for them out.
+"""Policies: one picture (or one of each eye) and one sentence in, joint angles out.
 
 Two policies share the same eyes and ears. *fusion* is FusionNet: what is seen and
 what is said meet in a learned network whose fourteen values go to the arm as they
@@ -9,148 +9,34 @@ The second is the yardstick and the explanation of the first.
 
 import functools
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
 from importlib import resources
 from pathlib import Path
-from typing import Any, Literal, get_args
+from typing import Literal, get_args
 
 import numpy as np
 from jaxtyping import Float, UInt8
 
-from fusionnet.blocks import CLASS_NAMES, Cell, Layout, Move, layout_to_json
 from fusionnet.blocks.voting import Vote, likely_layout, vote
 from fusionnet.catalogue import did_you_mean
-from fusionnet.errors import PlanningError, UnknownNameError
+from fusionnet.errors import InputError, PlanningError, UnknownNameError
 from fusionnet.models.fusionnet import FusionNet
 from fusionnet.models.retinanet import RetinaNet, Sight
 from fusionnet.models.translator import Reading, Translator
+from fusionnet.policy._answer import Answer, Pose, detections
+from fusionnet.policy._check import refuse_doubtful
+from fusionnet.policy._eyes import both_seen
 from fusionnet.randomness import generator
-from fusionnet.rcl import Tree
-from fusionnet.rcl import format as format_tree
 from fusionnet.robots import load as load_robot
 from fusionnet.simulation import joint_targets
 
 Kind = Literal["fusion", "symbolic"]
 
-LEAST_SCORE = 0.5
-"""Detections below this score are no evidence; measuring precision needs them, people do not."""
+Picture = UInt8[np.ndarray, "h w 3"]
 
 SHIPPED = ("compact",)
 """Names of the policies inside this package."""
-
-
-@dataclass(frozen=True, eq=False)
-class Pose:
-    """One posture of the arm.
-
-    Attributes:
-        joint_angles: In radians, in the order of the robot's `joint_names`.
-        gripper: 1 closed, 0 open.
-    """
-
-    joint_angles: Float[np.ndarray, " n"]
-    gripper: float
-
-
-@dataclass(frozen=True)
-class Detection:
-    """One block that was found in the picture.
-
-    Attributes:
-        class_name: One of `blocks.CLASS_NAMES`.
-        score: Probability, 0 to 1.
-        box: Left, top, right, bottom in pixels of the picture.
-    """
-
-    class_name: str
-    score: float
-    box: tuple[float, float, float, float]
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Answer:
-    """What the arm is to do, and why.
-
-    Attributes:
-        grasp: The arm where it takes the block; the gripper is closed if it holds one already.
-        place: The arm where it lets go; the gripper stays closed if the block is to be held.
-        boxes: Blocks found in the picture, with a score of at least `LEAST_SCORE`.
-        layout: The most likely layout of the blocks.
-        cells: Probabilities of 16 classes and of emptiness for every cell.
-        holding: Probability that the gripper held a block in the picture.
-        readings: The sentence's readings, most likely first.
-        tree: The reading that was acted on.
-        source: Probability of each cell to be grasped at.
-        target: Probability of each cell to be placed at.
-        move: The move that the planner's vote elected.
-        agreement: Share of the votes for that move.
-        confidence: Of the policy that answers, in its grasp and place cells together.
-        attention: Where each node of the tree looked, as (label, probabilities of cells).
-        milliseconds: Time spent by stage.
-    """
-
-    grasp: Pose
-    place: Pose
-    boxes: tuple[Detection, ...]
-    layout: Layout
-    cells: Float[np.ndarray, "8 8 8 17"]
-    holding: float
-    readings: tuple[Reading, ...]
-    tree: Tree
-    source: Float[np.ndarray, "512"]
-    target: Float[np.ndarray, "512"]
-    move: Move
-    agreement: float
-    confidence: float
-    attention: tuple[tuple[str, Float[np.ndarray, "512"]], ...] = ()
-    milliseconds: Mapping[str, float] = field(default_factory=dict)
-
-    @property
-    def targets(self) -> Float[np.ndarray, " k"]:
-        """The flat vector of the thesis (4.3.1): grasp and place, each joints and gripper."""
-        return np.concatenate(
-            [
-                self.grasp.joint_angles,
-                [self.grasp.gripper],
-                self.place.joint_angles,
-                [self.place.gripper],
-            ]
-        )
-
-    def as_json(self) -> dict[str, Any]:
-        """JSON values of everything but the large arrays."""
-        return {
-            "grasp": _pose_as_json(self.grasp),
-            "place": _pose_as_json(self.place),
-            "boxes": [
-                {
-                    "class": d.class_name,
-                    "score": round(d.score, 4),
-                    "box": [round(c, 1) for c in d.box],
-                }
-                for d in self.boxes
-            ],
-            "layout": layout_to_json(self.layout),
-            "holding": round(self.holding, 4),
-            "readings": [
-                {"tree": format_tree(r.tree), "probability": round(r.probability, 6)}
-                for r in self.readings
-            ],
-            "tree": format_tree(self.tree),
-            "source_cells": _likely_cells(self.source),
-            "target_cells": _likely_cells(self.target),
-            "symbolic_move": {
-                "source": list(self.move.source),
-                "target": list(self.move.target),
-                "begins_held": self.move.begins_held,
-                "ends_held": self.move.ends_held,
-                "agreement": round(self.agreement, 4),
-            },
-            "confidence": round(self.confidence, 4),
-            "milliseconds": {stage: round(ms, 1) for stage, ms in self.milliseconds.items()},
-        }
 
 
 class Policy:
@@ -165,6 +51,8 @@ class Policy:
         beam: Width of the search for readings.
         samples: Layouts that are sampled for the vote.
         seed: Of that sampling.
+        check: Whether to refuse a move where the two kinds of policy disagree.
+        right: Reads a picture of the right eye; without it one eye has to do.
     """
 
     def __init__(
@@ -178,8 +66,11 @@ class Policy:
         beam: int = 10,
         samples: int = 64,
         seed: int = 0,
+        check: bool = False,
+        right: RetinaNet | None = None,
     ) -> None:
         self.detector = detector
+        self.right = right
         self.translator = translator
         self.fusion = fusion
         self.robot = load_robot(robot)
@@ -187,21 +78,32 @@ class Policy:
         self.beam = beam
         self.samples = samples
         self.seed = seed
+        self.check = check
 
-    def __call__(self, image: UInt8[np.ndarray, "h w 3"], sentence: str) -> Answer:
+    def __call__(self, image: Picture | Sequence[Picture], sentence: str) -> Answer:
         """Look, read, and answer with joint angles and the evidence for them.
 
         Args:
-            image: What the robot's left eye sees.
+            image: What the robot's left eye sees, or what its left and its right eye see.
             sentence: A command in English.
 
         Raises:
             NotUnderstoodError: If the sentence cannot be read as a command.
             PlanningError: If no reading of it can be executed in what was seen.
+            DoubtError: If the policy checks, and would rather not move.
+            InputError: If there are more pictures than eyes.
         """
+        pictures = [image] if isinstance(image, np.ndarray) else list(image)
+        eyes = [self.detector] if self.right is None else [self.detector, self.right]
+        if not 1 <= len(pictures) <= len(eyes):
+            raise InputError(
+                f"Received {len(pictures)} pictures; this policy sees with {len(eyes)} "
+                f"eye{'s' if len(eyes) > 1 else ' (its checkpoint has no detector-right)'}: "
+                "give one picture, or one of each eye, the left first."
+            )
         milliseconds: dict[str, float] = {}
         with _stage(milliseconds, "see"):
-            sight = self.detector.see(image)
+            sight = both_seen([e.see(p) for e, p in zip(eyes, pictures, strict=False)])
         with _stage(milliseconds, "read"):
             readings = self.translator.translate(
                 sentence, holding=sight.holding > 0.5, beam=self.beam
@@ -214,6 +116,8 @@ class Policy:
             )
         if elected.move is None:
             raise PlanningError(elected.refusal)
+        if self.check:
+            refuse_doubtful(fused.source, fused.target, elected.move, elected.share)
         symbolic = self.kind == "symbolic"
         source = _cell_shares(elected, "source") if symbolic else fused.source
         target = _cell_shares(elected, "target") if symbolic else fused.target
@@ -222,7 +126,7 @@ class Policy:
         return Answer(
             grasp=Pose(targets[: middle - 1], float(targets[middle - 1])),
             place=Pose(targets[middle:-1], float(targets[-1])),
-            boxes=_detections(sight),
+            boxes=detections(sight),
             layout=likely_layout(sight.cells, sight.holding),
             cells=sight.cells,
             holding=sight.holding,
@@ -247,13 +151,17 @@ class Policy:
         )
 
 
-def load_policy(name: str | Path = "compact", kind: Kind = "fusion", *, seed: int = 0) -> Policy:
+def load_policy(
+    name: str | Path = "compact", kind: Kind = "fusion", *, seed: int = 0, check: bool = False
+) -> Policy:
     """A policy from a shipped name or from a folder of checkpoints.
 
     Args:
-        name: One of `SHIPPED`, or a folder that holds `detector`, `translator` and `fusion`.
+        name: One of `SHIPPED`, or a folder that holds `detector`, `translator` and `fusion`, and
+            `detector-right` if two eyes are to look.
         kind: `fusion` or `symbolic`.
         seed: Of the symbolic vote's sampling.
+        check: Whether to refuse a move where the two kinds disagree (DoubtError).
 
     Raises:
         UnknownNameError: If the name is neither shipped nor a folder, or the kind is unknown.
@@ -265,8 +173,8 @@ def load_policy(name: str | Path = "compact", kind: Kind = "fusion", *, seed: in
             + did_you_mean(str(kind), list(get_args(Kind)))
         )
     folder = weights_folder(name)
-    detector, translator, fusion = _models(folder)
-    return Policy(detector, translator, fusion, kind=kind, seed=seed)
+    detector, translator, fusion, right = _models(folder)
+    return Policy(detector, translator, fusion, kind=kind, seed=seed, check=check, right=right)
 
 
 def weights_folder(name: str | Path) -> Path:
@@ -288,20 +196,13 @@ def weights_folder(name: str | Path) -> Path:
 
 
 @functools.lru_cache(maxsize=2)
-def _models(folder: Path) -> tuple[RetinaNet, Translator, FusionNet]:
+def _models(folder: Path) -> tuple[RetinaNet, Translator, FusionNet, RetinaNet | None]:
+    right = folder / "detector-right"
     return (
         RetinaNet.from_folder(folder / "detector"),
         Translator.from_folder(folder / "translator"),
         FusionNet.from_folder(folder / "fusion"),
-    )
-
-
-def _detections(sight: Sight) -> tuple[Detection, ...]:
-    boxes = sight.boxes
-    return tuple(
-        Detection(CLASS_NAMES[int(kind)], float(score), tuple(float(c) for c in box))  # type: ignore[arg-type]
-        for box, kind, score in zip(boxes.xyxy, boxes.classes, boxes.scores, strict=True)
-        if score >= LEAST_SCORE
+        RetinaNet.from_folder(right) if right.is_dir() else None,
     )
 
 
@@ -311,22 +212,6 @@ def _cell_shares(elected: Vote, end: Literal["source", "target"]) -> Float[np.nd
     for move, weight in elected.votes.items():
         shares[getattr(move, end).index] += weight
     return shares / shares.sum()
-
-
-def _likely_cells(distribution: Float[np.ndarray, "512"], count: int = 3) -> list[dict[str, Any]]:
-    best = np.argsort(distribution)[::-1][:count]
-    return [
-        {"cell": list(Cell.from_index(int(i))), "probability": round(float(distribution[i]), 4)}
-        for i in best
-    ]
-
-
-def _pose_as_json(pose: Pose) -> dict[str, Any]:
-    return {
-        "joint_angles_rad": [round(float(a), 5) for a in pose.joint_angles],
-        "joint_angles_deg": [round(float(np.degrees(a)), 2) for a in pose.joint_angles],
-        "gripper": round(pose.gripper, 4),
-    }
 
 
 @contextmanager

@@ -1,0 +1,20 @@
+"""Policies: checkpoint; image and sentence to joint angles, and the evidence for them."""
+
+from fusionnet.policy._answer import Answer, Detection, Pose
+from fusionnet.policy._check import FARTHEST, disagreement
+from fusionnet.policy._eyes import both_seen
+from fusionnet.policy._policy import SHIPPED, Kind, Policy, load_policy, weights_folder
+
+__all__ = [
+    "FARTHEST",
+    "SHIPPED",
+    "Answer",
+    "Detection",
+    "Kind",
+    "Policy",
+    "Pose",
+    "both_seen",
+    "disagreement",
+    "load_policy",
+    "weights_folder",
+]

@@ -1,0 +1,155 @@
+"""What a policy answers: joint angles, and the evidence for them."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from fusionnet.blocks import CLASS_NAMES, Cell, Layout, Move, layout_to_json
+from fusionnet.models.retinanet import Sight
+from fusionnet.models.translator import Reading
+from fusionnet.rcl import Tree
+from fusionnet.rcl import format as format_tree
+
+LEAST_SCORE = 0.5
+"""Detections below this score are no evidence; measuring precision needs them, people do not."""
+
+
+@dataclass(frozen=True, eq=False)
+class Pose:
+    """One posture of the arm.
+
+    Attributes:
+        joint_angles: In radians, in the order of the robot's `joint_names`.
+        gripper: 1 closed, 0 open.
+    """
+
+    joint_angles: Float[np.ndarray, " n"]
+    gripper: float
+
+
+@dataclass(frozen=True)
+class Detection:
+    """One block that was found in the picture.
+
+    Attributes:
+        class_name: One of `blocks.CLASS_NAMES`.
+        score: Probability, 0 to 1.
+        box: Left, top, right, bottom in pixels of the picture.
+    """
+
+    class_name: str
+    score: float
+    box: tuple[float, float, float, float]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Answer:
+    """What the arm is to do, and why.
+
+    Attributes:
+        grasp: The arm where it takes the block; the gripper is closed if it holds one already.
+        place: The arm where it lets go; the gripper stays closed if the block is to be held.
+        boxes: Blocks found in the picture, with a score of at least `LEAST_SCORE`.
+        layout: The most likely layout of the blocks.
+        cells: Probabilities of 16 classes and of emptiness for every cell.
+        holding: Probability that the gripper held a block in the picture.
+        readings: The sentence's readings, most likely first.
+        tree: The reading that was acted on.
+        source: Probability of each cell to be grasped at.
+        target: Probability of each cell to be placed at.
+        move: The move that the planner's vote elected.
+        agreement: Share of the votes for that move.
+        confidence: Of the policy that answers, in its grasp and place cells together.
+        attention: Where each node of the tree looked, as (label, probabilities of cells).
+        milliseconds: Time spent by stage.
+    """
+
+    grasp: Pose
+    place: Pose
+    boxes: tuple[Detection, ...]
+    layout: Layout
+    cells: Float[np.ndarray, "8 8 8 17"]
+    holding: float
+    readings: tuple[Reading, ...]
+    tree: Tree
+    source: Float[np.ndarray, "512"]
+    target: Float[np.ndarray, "512"]
+    move: Move
+    agreement: float
+    confidence: float
+    attention: tuple[tuple[str, Float[np.ndarray, "512"]], ...] = ()
+    milliseconds: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def targets(self) -> Float[np.ndarray, " k"]:
+        """The flat vector of the thesis (4.3.1): grasp and place, each joints and gripper."""
+        return np.concatenate(
+            [
+                self.grasp.joint_angles,
+                [self.grasp.gripper],
+                self.place.joint_angles,
+                [self.place.gripper],
+            ]
+        )
+
+    def as_json(self) -> dict[str, Any]:
+        """JSON values of everything but the large arrays."""
+        return {
+            "grasp": _pose_as_json(self.grasp),
+            "place": _pose_as_json(self.place),
+            "boxes": [
+                {
+                    "class": d.class_name,
+                    "score": round(d.score, 4),
+                    "box": [round(c, 1) for c in d.box],
+                }
+                for d in self.boxes
+            ],
+            "layout": layout_to_json(self.layout),
+            "holding": round(self.holding, 4),
+            "readings": [
+                {"tree": format_tree(r.tree), "probability": round(r.probability, 6)}
+                for r in self.readings
+            ],
+            "tree": format_tree(self.tree),
+            "source_cells": _likely_cells(self.source),
+            "target_cells": _likely_cells(self.target),
+            "symbolic_move": {
+                "source": list(self.move.source),
+                "target": list(self.move.target),
+                "begins_held": self.move.begins_held,
+                "ends_held": self.move.ends_held,
+                "agreement": round(self.agreement, 4),
+            },
+            "confidence": round(self.confidence, 4),
+            "milliseconds": {stage: round(ms, 1) for stage, ms in self.milliseconds.items()},
+        }
+
+
+def detections(sight: Sight) -> tuple[Detection, ...]:
+    """The boxes that count as evidence."""
+    boxes = sight.boxes
+    return tuple(
+        Detection(CLASS_NAMES[int(kind)], float(score), tuple(float(c) for c in box))  # type: ignore[arg-type]
+        for box, kind, score in zip(boxes.xyxy, boxes.classes, boxes.scores, strict=True)
+        if score >= LEAST_SCORE
+    )
+
+
+def _likely_cells(distribution: Float[np.ndarray, "512"], count: int = 3) -> list[dict[str, Any]]:
+    best = np.argsort(distribution)[::-1][:count]
+    return [
+        {"cell": list(Cell.from_index(int(i))), "probability": round(float(distribution[i]), 4)}
+        for i in best
+    ]
+
+
+def _pose_as_json(pose: Pose) -> dict[str, Any]:
+    return {
+        "joint_angles_rad": [round(float(a), 5) for a in pose.joint_angles],
+        "joint_angles_deg": [round(float(np.degrees(a)), 2) for a in pose.joint_angles],
+        "gripper": round(pose.gripper, 4),
+    }

@@ -1,0 +1,104 @@
+"""Two eyes as one sight, and the check that keeps a doubtful policy from moving."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from fusionnet import load_policy, make_world
+from fusionnet.apps.cli import EXIT_MISSED, main
+from fusionnet.blocks import Cell, Move
+from fusionnet.corpora import load_corpus
+from fusionnet.errors import DoubtError, InputError
+from fusionnet.evaluation.policy import PolicyEvaluation, evaluate
+from fusionnet.policy import FARTHEST, Policy, both_seen, disagreement
+
+SENTENCE = "put the red pyramid on the blue cube"
+MOVE = Move(Cell(2, 2, 0), Cell(4, 4, 1), begins_held=False, ends_held=False)
+
+
+def pointing(cell: Cell) -> np.ndarray:
+    shares = np.full(512, 0.001)
+    shares[cell.index] = 1.0
+    return shares / shares.sum()
+
+
+@pytest.fixture(scope="module")
+def scene():
+    return load_corpus("examples", None).commands[0].scene
+
+
+@pytest.fixture(scope="module")
+def picture(scene):
+    return make_world(layout=scene.before).image("left_eye")
+
+
+def test_the_check_lets_a_neighbouring_cell_pass_and_nothing_farther():
+    assert FARTHEST == 1
+    for shift, agrees in ((0, True), (1, True), (2, False)):
+        source = pointing(Cell(2 + shift, 2, 0))
+        said = disagreement(source, pointing(MOVE.target), MOVE, 1.0)
+        assert (said == "") is agrees
+    assert "grasp at (4, 2, 0)" in said and "2 cells apart" in said
+    said = disagreement(pointing(MOVE.source), pointing(Cell(4, 4, 5)), MOVE, 1.0)
+    assert "place at (4, 4, 5)" in said and "4 cells apart" in said
+
+
+def test_the_check_wants_most_votes_for_one_move():
+    agreeing = pointing(MOVE.source), pointing(MOVE.target), MOVE
+    assert disagreement(*agreeing, 0.9) == ""
+    assert "only 30% of the layouts" in disagreement(*agreeing, 0.3)
+
+
+def test_a_policy_that_checks_refuses_when_the_network_points_elsewhere(picture, monkeypatch):
+    policy = load_policy("compact", check=True)
+    policy(picture, SENTENCE)  # agrees here
+    right = policy.fusion.forward
+
+    def wrong(*given):
+        fused = right(*given)
+        return replace(fused, target=pointing(Cell(0, 7, 7)))
+
+    monkeypatch.setattr(policy.fusion, "forward", wrong)
+    with pytest.raises(DoubtError, match=r"would place at \(0, 7, 7\) and the planner at"):
+        policy(picture, SENTENCE)
+
+
+def test_run_with_check_says_why_it_does_not_move(monkeypatch, capsys):
+    monkeypatch.setattr("fusionnet.policy._check.LEAST_AGREEMENT", 1.1)
+    assert main(["run", SENTENCE, "--check", "--json"]) == EXIT_MISSED
+    error = capsys.readouterr().err
+    assert "rather not move" in error and error.count("\n") == 1
+
+
+def test_doubted_episodes_are_no_wrong_moves(monkeypatch):
+    monkeypatch.setattr("fusionnet.policy._check.LEAST_AGREEMENT", 1.1)
+    config = PolicyEvaluation(corpus="examples", split="test", episodes=2, check=True)
+    numbers = evaluate(config).as_json()
+    assert numbers["outcomes"] == {"doubted": 2}
+    assert numbers["wrong_moves"] == 0.0 and numbers["executed_success"] == 0.0
+
+
+def test_one_eye_decides_where_the_other_sees_nothing(picture):
+    sight = load_policy("compact").detector.see(picture)
+    blind = replace(sight, cells=np.full_like(sight.cells, 1 / 17), holding=0.5)
+    for pair in ([sight, blind], [blind, sight]):
+        pooled = both_seen(pair)
+        np.testing.assert_array_equal(pooled.cells.argmax(-1), sight.cells.argmax(-1))
+        np.testing.assert_allclose(pooled.cells.sum(-1), 1.0)
+        assert (pooled.holding > 0.5) == (sight.holding > 0.5)
+    assert both_seen([sight]) is sight
+    twice = both_seen([sight, sight], weight=0.5)
+    np.testing.assert_allclose(twice.cells, sight.cells, atol=3e-5)
+
+
+def test_pictures_and_eyes_must_match(picture):
+    policy = load_policy("compact")
+    one_eyed = Policy(policy.detector, policy.translator, policy.fusion)
+    with pytest.raises(InputError, match="2 pictures.*1 eye .its checkpoint has no detector-right"):
+        one_eyed((picture, picture), SENTENCE)
+    with pytest.raises(InputError, match="0 pictures"):
+        one_eyed((), SENTENCE)
+    two_eyed = Policy(policy.detector, policy.translator, policy.fusion, right=policy.detector)
+    both, one = two_eyed((picture, picture), SENTENCE), one_eyed(picture, SENTENCE)
+    assert both.move == one.move
