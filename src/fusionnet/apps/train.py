@@ -18,7 +18,7 @@ from fusionnet.training.translator import train as train_translator
 
 
 def detector(config: DetectorConfig | ThesisDetectorConfig) -> dict[str, Any]:
-    """Train the detector on a data set, or on pictures that are rendered for it.
+    """Train the detector on data sets that `fusionnet dataset build` made.
 
     --preset compact (what we ship): boxes, the camera's pose, the layout.
     --preset thesis: the thesis's RetinaNet (boxes, nodes for FusionNet), on a data set.
@@ -28,7 +28,7 @@ def detector(config: DetectorConfig | ThesisDetectorConfig) -> dict[str, Any]:
     with bars() as bar:
         if isinstance(config, ThesisDetectorConfig):
             return train_thesis_detector(config, progress=bar("training"))
-        return train_detector(config, progress=bar("training"), rendering=bar("rendering"))
+        return train_detector(config, progress=bar("training"))
 
 
 DETECTOR_PRESETS = {"compact": DetectorConfig, "thesis": ThesisDetectorConfig}

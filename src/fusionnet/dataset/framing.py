@@ -84,11 +84,18 @@ def frame_of(
 ) -> PictureFrame:
     """The part of a stored sample's picture that a network sees."""
     camera = sample["camera"]
-    if camera["kind"] == EYE and camera["name"] == "left_eye" and sample["robot"] == "nico":
+    if by_left_eye(sample):
         return replace(EYE_FRAME, input_size=input_size)
     matrix = np.array(camera["matrix"]).reshape(3, 3)
     pose = np.array(camera["camera_from_board"]).reshape(4, 4)
     return grid_frame(matrix, pose, (sample["width"], sample["height"]), input_size)
+
+
+def by_left_eye(sample: Mapping[str, Any]) -> bool:
+    """Whether a stored sample was seen by NICO's left eye, whose frame is known."""
+    camera = sample["camera"]
+    eye = camera["kind"] == EYE and camera["name"] == "left_eye"
+    return bool(eye and sample["robot"] == "nico")
 
 
 def labels_of(sample: Mapping[str, Any], frame: PictureFrame) -> Labels:
@@ -119,6 +126,7 @@ def labels_of(sample: Mapping[str, Any], frame: PictureFrame) -> Labels:
         holding=bool(sample["holding"]),
         matrix=frame.matrix(matrix),
         camera_from_board=np.array(sample["camera"]["camera_from_board"]).reshape(4, 4),
+        by_eye=by_left_eye(sample),
     )
 
 

@@ -67,6 +67,7 @@ class Labels:
         holding: Whether the gripper holds a block.
         matrix: Intrinsics for the network's input.
         camera_from_board: Pose of the eye.
+        by_eye: Whether the robot's left eye looked, through which layouts are read.
     """
 
     boxes: Float[np.ndarray, "n 4"]
@@ -76,6 +77,7 @@ class Labels:
     holding: bool
     matrix: Float[np.ndarray, "3 3"]
     camera_from_board: Float[np.ndarray, "4 4"]
+    by_eye: bool = True
 
 
 def label(

@@ -29,6 +29,10 @@ class RetinaNetConfig:
         width: Channels of the pyramid.
         boxes: Anchors and subnets of the box head.
         fusion_nodes: Nodes an anchor for FusionNet; 0 for no fusion subnet.
+        detail: Channels that the occupancy head gathers at stride 2; 0 for none.
+        reasoning: Blocks of three-dimensional convolutions of that head.
+        temperature: Divides the logits of the cells, so that probabilities are calibrated
+            (Guo et al. 2017, On calibration of modern neural networks).
         matrix: Nominal intrinsics of the eye (3x3), in pixels of the eye's picture; without
             them and the pose no layout is read.
         camera_from_board: Nominal pose of the eye (4x4), OpenCV axes.
@@ -44,6 +48,9 @@ class RetinaNetConfig:
     width: int = 48
     boxes: BoxConfig = field(default_factory=BoxConfig)
     fusion_nodes: int = 0
+    detail: int = 0
+    reasoning: int = 2
+    temperature: float = 1.0
     matrix: Matrix | None = None
     camera_from_board: Matrix | None = None
     gaussian: bool = False
@@ -62,8 +69,12 @@ class RetinaNetConfig:
             raise InputError(
                 "The small pyramid goes with no fusion subnet, nor the thesis's start."
             )
-        if self.fusion_nodes < 0 or self.width < 1:
-            raise InputError(f"width >= 1 and fusion_nodes >= 0; got {self}")
+        if min(self.fusion_nodes, self.detail) < 0 or min(self.width, self.reasoning) < 1:
+            raise InputError(f"width and reasoning >= 1, fusion_nodes and detail >= 0; got {self}")
+        if not self.temperature > 0.0:
+            raise InputError(f"A temperature is positive; got {self.temperature}.")
+        if self.detail and self.pyramid != "small":
+            raise InputError("Details at stride 2 go with the small pyramid only.")
 
     @property
     def reads_layouts(self) -> bool:
@@ -94,7 +105,12 @@ def compact(
 ) -> RetinaNetConfig:
     """What we ship: boxes, the camera's pose and the occupancy of cells, on two CPU cores."""
     return RetinaNetConfig(
-        frame=frame, matrix=_matrix(matrix), camera_from_board=_matrix(camera_from_board)
+        frame=frame,
+        boxes=BoxConfig(depth=2),
+        detail=16,
+        reasoning=4,
+        matrix=_matrix(matrix),
+        camera_from_board=_matrix(camera_from_board),
     )
 
 

@@ -26,6 +26,7 @@ from fusionnet.models.heads.boxes import Boxes, BoxHead
 from fusionnet.models.heads.camera_pose import CameraPose
 from fusionnet.models.heads.fusion_nodes import FusionNodes
 from fusionnet.models.heads.occupancy import Occupancy
+from fusionnet.models.projected_boxes import projected_boxes, with_leftovers
 from fusionnet.models.pyramid import FeaturePyramid, initialise, level_strides
 from fusionnet.models.sight import Batch, BoxBatch, Sight, padded_to_aspect
 
@@ -91,7 +92,12 @@ class RetinaNet(nn.Module):
             coarse_stride=stride,
         )
         self.occupancy_head = Occupancy(
-            fine_channels=config.width, coarse_channels=channels, input_size=size
+            fine_channels=config.width,
+            coarse_channels=channels,
+            input_size=size,
+            blocks=config.reasoning,
+            stem_channels=self.backbone.stem_channels if config.detail else 0,
+            detail=config.detail,
         )
 
     def train(self, mode: bool = True) -> "RetinaNet":
@@ -112,38 +118,46 @@ class RetinaNet(nn.Module):
 
         Args:
             images: Network inputs, 0 to 255.
-            deviation: Camera poses to project cells with, instead of the estimated ones.
+            deviation: Camera poses to project cells with, instead of the estimated ones; of
+                fewer than all pictures if only the layouts of the first ones are to be read.
             fusion: Whether the nodes for FusionNet are wanted.
         """
-        levels, coarse = self._features(images)
+        levels, coarse, stem = self._features(images)
         outputs: dict[str, Any] = {"boxes": self._boxes(images, levels)}
         if fusion and self.fusion_head is not None:
             outputs["fusion"] = self.fusion_head([levels[s] for s in self.config.boxes.strides])
-        if self.config.reads_layouts:
-            fine = levels[self.strides[0]]
+        count = len(images) if deviation is None else len(deviation)
+        if self.config.reads_layouts and count:
+            fine, coarse = levels[self.strides[0]][:count], coarse[:count]
+            stem = None if stem is None else stem[:count]
             outputs["pose"] = pose = self.pose_head(fine, coarse)
             used = pose[-1].detach() if deviation is None else deviation
             pixels = self.pose_head.project(used, self.occupancy_head.points)
-            outputs["occupancy"] = self.occupancy_head(fine, coarse, pixels)
+            outputs["occupancy"] = self.occupancy_head(fine, coarse, pixels, stem)
         return outputs
 
     def levels(self, images: UInt8[Tensor, "b h w 3"]) -> list[Float[Tensor, "b c _ _"]]:
         """The pyramid's levels that the box head reads, finest first."""
-        levels, _ = self._features(images)
+        levels, _, _ = self._features(images)
         return [levels[stride] for stride in self.config.boxes.strides]
 
-    def _features(self, images: UInt8[Tensor, "b h w 3"]) -> tuple[dict[int, Tensor], Tensor]:
-        """The pyramid's levels by stride, and the backbone's last map."""
+    def _features(
+        self, images: UInt8[Tensor, "b h w 3"]
+    ) -> tuple[dict[int, Tensor], Tensor, Tensor | None]:
+        """The pyramid's levels by stride, the backbone's last map, and that at stride 2."""
         mean, deviation = (images.new_tensor(v, dtype=torch.float32) for v in self._normalisation())
         x = ((images.float() - mean) / deviation).permute(0, 3, 1, 2)
-        maps = self.backbone(x.contiguous(memory_format=torch.channels_last))
+        x, stem = x.contiguous(memory_format=torch.channels_last), None
+        if self.config.detail:
+            stem = self.backbone.stem(x)
+        maps = self.backbone(x) if stem is None else self.backbone.after_stem(stem)
         if self.config.pyramid != "small":
-            return dict(zip(self.strides, self.pyramid(maps), strict=True)), maps[-1]
+            return dict(zip(self.strides, self.pyramid(maps), strict=True)), maps[-1], None
         fine, middle, coarse = maps
         top = self.lateral[2](coarse)
         middle = self.smooth[1](self.lateral[1](middle) + _grow(top, middle))
         fine = self.smooth[0](self.lateral[0](fine) + _grow(middle, fine))
-        return dict(zip(self.strides, (fine, middle, top), strict=True)), coarse
+        return dict(zip(self.strides, (fine, middle, top), strict=True)), coarse, stem
 
     def _normalisation(self) -> tuple[list[float], list[float]]:
         """Mean and deviation of red, green and blue, from 0 to 255."""
@@ -156,7 +170,7 @@ class RetinaNet(nn.Module):
     def losses(self, outputs: Mapping[str, Any], batch: BoxBatch) -> dict[str, Tensor]:
         """The heads' named losses: class, box and, of layouts, pose, occupancy, holding."""
         losses: dict[str, Tensor] = dict(self.box_head.losses(outputs["boxes"], batch.boxes))
-        if self.config.reads_layouts:
+        if "pose" in outputs:
             assert isinstance(batch, Batch)
             target = self.pose_head.target(batch.matrix, batch.camera_from_board)
             losses |= self.pose_head.losses(outputs["pose"], target)
@@ -179,14 +193,23 @@ class RetinaNet(nn.Module):
                 "This detector finds boxes only and reads no layout; use one of the preset compact."
             )
         outputs = self(torch.from_numpy(picture)[None])
-        boxes = self.box_head.predict(outputs["boxes"])[0]
-        xyxy = self.frame.to_eye(boxes.xyxy.double().numpy())
+        found = self.box_head.predict(outputs["boxes"])[0]
         logits, held = outputs["occupancy"]
-        corners = self.pose_head.project(outputs["pose"][-1], self.pose_head.landmarks)[0]
+        cells = (logits[0].double() / self.config.temperature).softmax(-1).numpy()
+        pose, head = outputs["pose"][-1], self.pose_head
+        corners = head.project(pose, head.landmarks)[0]
         scale, offset = self.frame.scale, np.array(self.frame.crop[:2])
+
+        def project(points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 2"]:
+            pixels = head.project(pose, torch.from_numpy(points).float())[0]
+            return pixels.double().numpy() / scale
+
+        left, top, right, bottom = self.frame.crop
+        size, viewpoint = (right - left, bottom - top), head.viewpoint(pose)[0].numpy()
+        explained = projected_boxes(cells, project, viewpoint, size)
         return Sight(
-            boxes=Boxes(torch.from_numpy(xyxy), boxes.classes, boxes.scores),
-            cells=logits[0].softmax(-1).double().numpy().reshape(8, 8, 8, -1),
+            boxes=with_leftovers(explained, found, self.frame),
+            cells=cells.reshape(8, 8, 8, -1),
             holding=float(held[0].sigmoid()),
             corners=corners.double().numpy() / scale + offset,
         )
@@ -199,7 +222,7 @@ class RetinaNet(nn.Module):
         frame crops away nothing is seen.
         """
         whole = padded_to_aspect(image, self.frame.eye_size)
-        levels, _ = self._features(picture := torch.from_numpy(self.frame.prepare(whole))[None])
+        levels, _, _ = self._features(picture := torch.from_numpy(self.frame.prepare(whole))[None])
         found = self.box_head.predict(self._boxes(picture, levels))[0]
         scale = np.array([whole.shape[1], whole.shape[0]]) / self.frame.eye_size
         xyxy = self.frame.to_eye(found.xyxy.double().numpy()) * np.tile(scale, 2)

@@ -27,6 +27,9 @@ class BoxBatch:
 class Batch(BoxBatch):
     """Pictures and everything that the heads of layouts learn from as well.
 
+    Pictures of which boxes alone are learnt come last: the rows of the other tensors are
+    those of the first pictures.
+
     Attributes:
         cells: Class of each of the 512 cells (16 is empty).
         holding: 1 where the gripper holds a block.
@@ -35,11 +38,11 @@ class Batch(BoxBatch):
         disturbance: Added to the true deviation when cells are projected while training.
     """
 
-    cells: Int[Tensor, "b 512"]
-    holding: Float[Tensor, " b"]
-    matrix: Float[Tensor, "b 3 3"]
-    camera_from_board: Float[Tensor, "b 4 4"]
-    disturbance: Float[Tensor, "b 7"]
+    cells: Int[Tensor, "n 512"]
+    holding: Float[Tensor, " n"]
+    matrix: Float[Tensor, "n 3 3"]
+    camera_from_board: Float[Tensor, "n 4 4"]
+    disturbance: Float[Tensor, "n 7"]
 
 
 @dataclass(frozen=True)

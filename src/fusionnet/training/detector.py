@@ -1,13 +1,13 @@
-"""Train the detector: boxes, camera pose and occupancy from pictures of the robot's eye.
+"""Train the detector: boxes, camera pose and occupancy from pictures of a stored data set.
 
-`fusionnet train detector` runs this: it renders the pictures that are missing, trains,
-measures on pictures of the validation groups' layouts, and writes a checkpoint.
+`fusionnet train detector` runs this: it trains on one or several data sets, calibrates and
+measures on the validation groups as the robot's eye sees them, and writes a checkpoint. Of
+pictures that the eye did not take (environmental views) the boxes alone are learnt.
 """
 
 import logging
-import os
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import asdict, dataclass, field
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -15,28 +15,22 @@ import cv2
 import numpy as np
 import torch
 import tyro
+from jaxtyping import Int
 
 from fusionnet.blocks import Layout
-from fusionnet.corpora import load_corpus
-from fusionnet.dataset.pictures import (
-    EYE_FRAME,
-    Labels,
-    PicturePlan,
-    Pictures,
-    build_pictures,
-)
+from fusionnet.dataset.pictures import EYE_FRAME, Labels
 from fusionnet.dataset.reader import StoredPictures
+from fusionnet.errors import InputError
+from fusionnet.models.checkpoint import load_checkpoint
 from fusionnet.models.detectors import compact
 from fusionnet.models.heads.boxes import Boxes
 from fusionnet.models.heads.camera_pose import PARAMETERS
-from fusionnet.models.retinanet import Batch, RetinaNet
-from fusionnet.randomness import generator
+from fusionnet.models.retinanet import KIND, Batch, RetinaNet
+from fusionnet.randomness import derived_seed, generator
 from fusionnet.simulation import SceneRenderer
 from fusionnet.training.loop import LoopConfig, Progress, fit
 
 log = logging.getLogger(__name__)
-
-AnyPictures = Pictures | StoredPictures
 
 LOSS_WEIGHTS = {"class": 1.0, "box": 1.0, "pose": 0.3, "occupancy": 0.2, "holding": 1.0}
 """Fixed factors that bring the losses to like sizes after the first epoch."""
@@ -51,44 +45,79 @@ class DetectorConfig:
     """How to train the detector.
 
     Attributes:
-        dataset: A data set that `fusionnet dataset build` made, to learn from instead of
-            pictures that are rendered for it.
-        out: Folder of the checkpoint; pictures, log and resumable state go to `work`.
+        datasets: Data sets that `fusionnet dataset build` made, to learn from; the first one's
+            validation groups through the eye are measured on.
+        out: Folder of the checkpoint; the log and the resumable state go to `work`.
         work: Folder for everything that is not the checkpoint.
-        corpus: Corpus whose training groups' layouts are varied; None invents all layouts.
-        data: Folder of the corpus.
-        pictures: Pictures to render for training.
+        start: Folder of a detector whose weights are taken over where names and shapes agree.
         batch: Pictures a step.
         loop: Steps and schedule.
         seed: Source of all randomness.
-        workers: Processes that render.
     """
 
-    dataset: tyro.conf.Positional[Path | None] = None
+    datasets: tyro.conf.Positional[tuple[Path, ...]]
     out: Path = Path("runs/detector/checkpoint")
     work: Path = Path("runs/detector")
-    corpus: str | None = None
-    data: Path | None = None
-    pictures: int = 14_000
+    start: Path | None = None
     batch: int = 16
     loop: LoopConfig = field(
         default_factory=lambda: LoopConfig(
-            steps=2600, learning_rate=2e-3, average=0.998, loss_weights=LOSS_WEIGHTS
+            steps=2600,
+            learning_rate=2e-3,
+            average=0.998,
+            precision="bf16-mixed",
+            loss_weights=LOSS_WEIGHTS,
         )
     )
     seed: int = 0
-    workers: int = field(default_factory=lambda: os.cpu_count() or 1)
+
+    def __post_init__(self) -> None:
+        """Refuse what cannot train."""
+        if not self.datasets or self.batch < 1:
+            raise InputError(
+                "At least one data set (fusionnet dataset build) and a batch of at least 1 "
+                f"are needed; received {len(self.datasets)} and {self.batch}."
+            )
 
 
-def train(
-    config: DetectorConfig,
-    *,
-    progress: Progress | None = None,
-    rendering: Callable[[int, int], None] | None = None,
-) -> dict[str, Any]:
-    """Render, train, measure and save; returns the metrics on the validation pictures."""
-    pictures, checked = _pictures(config, rendering)
+class JoinedPictures:
+    """The pictures of several data sets as if they were of one.
+
+    Args:
+        parts: The data sets' pictures.
+    """
+
+    def __init__(self, parts: Sequence[StoredPictures]) -> None:
+        self._parts = parts
+        self._starts = np.cumsum([0, *(len(part) for part in parts)])
+
+    def __len__(self) -> int:
+        return int(self._starts[-1])
+
+    def __getitem__(self, index: int) -> tuple[np.ndarray, Labels]:
+        part = int(np.searchsorted(self._starts, index, side="right")) - 1
+        return self._parts[part][index - int(self._starts[part])]
+
+    def order(self, seed: int, epoch: int) -> Int[np.ndarray, " n"]:
+        """The order of one epoch: each data set in its own, dealt in the same proportion."""
+        orders = [
+            part.order(derived_seed(seed, "part", i), epoch) + first
+            for i, (part, first) in enumerate(zip(self._parts, self._starts, strict=False))
+        ]
+        places = np.concatenate([(np.arange(len(o)) + 0.5) / max(len(o), 1) for o in orders])
+        return np.concatenate(orders)[np.argsort(places, kind="stable")]
+
+
+AnyPictures = StoredPictures | JoinedPictures
+
+
+def train(config: DetectorConfig, *, progress: Progress | None = None) -> dict[str, Any]:
+    """Train, calibrate, measure and save; returns the metrics on the validation pictures."""
+    pictures = JoinedPictures([StoredPictures(folder, "train") for folder in config.datasets])
+    checked = StoredPictures(config.datasets[0], "sim_val")
     model = new_detector(config.seed)
+    if config.start is not None:
+        start_from(model, config.start)
     fit(
         model,
         lambda first: batches(pictures, config.batch, config.seed, first),
@@ -97,40 +126,27 @@ def train(
         folder=config.work,
         progress=progress,
     )
+    calibrate(model, checked)
     metrics = measure(model, checked)
-    described = {
-        k: v for k, v in asdict(config).items() if k not in ("dataset", "out", "work", "data")
-    }
+    paths = ("datasets", "out", "work", "start")
+    described = {k: v for k, v in asdict(config).items() if k not in paths}
+    described["pictures"], described["warm"] = len(pictures), config.start is not None
     model.save(config.out, {"training": described, "metrics": metrics})
     return metrics
 
 
-def _pictures(
-    config: DetectorConfig, rendering: Callable[[int, int], None] | None
-) -> tuple[AnyPictures, AnyPictures]:
-    """Pictures to learn from and to measure on: stored ones, or rendered where missing."""
-    if config.dataset is not None:
-        return StoredPictures(config.dataset, "train"), StoredPictures(config.dataset, "sim_val")
-    real, held_out = layouts_of(config.corpus, config.data)
-    plan = PicturePlan(count=config.pictures, seed=config.seed)
-    folders = {part: config.work / "pictures" / part for part in ("train", "val")}
-    build_pictures(folders["train"], plan, real, workers=config.workers, progress=rendering)
-    check = PicturePlan(count=500, seed=config.seed, part="val", invented=0.0)
-    build_pictures(folders["val"], check, held_out, workers=config.workers, progress=rendering)
-    return Pictures(folders["train"]), Pictures(folders["val"])
+def start_from(model: RetinaNet, folder: Path) -> list[str]:
+    """Take over another detector's weights where names and shapes agree; returns the others.
 
-
-def layouts_of(corpus: str | None, data: Path | None) -> tuple[list[Layout], list[Layout]]:
-    """Layouts of a corpus's training and validation groups, without repetition."""
-    if corpus is None:
-        return [], []
-    loaded = load_corpus(corpus, data)
-    parts: list[list[Layout]] = []
-    for part in ("train", "val"):
-        scenes = [command.scene for command in loaded.split(part)]
-        unique = {id(layout): layout for s in scenes for layout in (s.before, s.after)}
-        parts.append(sorted(unique.values(), key=lambda layout: layout.id or 0))
-    return parts[0], parts[1]
+    Raises:
+        CheckpointError: If it is missing or damaged, or no detector.
+    """
+    given, own = load_checkpoint(folder, KIND).tensors, model.state_dict()
+    fits = {n: t for n, t in given.items() if n in own and own[n].shape == t.shape}
+    model.load_state_dict(fits, strict=False)
+    left = sorted(own.keys() - fits.keys())
+    log.info("%d tensors taken over from %s, %d left as they were", len(fits), folder, len(left))
+    return left
 
 
 def new_detector(seed: int, robot: str = "nico") -> RetinaNet:
@@ -146,11 +162,16 @@ def new_detector(seed: int, robot: str = "nico") -> RetinaNet:
 def collate(
     samples: Sequence[tuple[np.ndarray, Labels]], rng: np.random.Generator | None = None
 ) -> Batch:
-    """Pictures and labels as tensors; camera disturbances are drawn if there is a generator."""
-    noise = np.zeros((len(samples), PARAMETERS))
+    """Pictures and labels as tensors, those that the eye did not take last.
+
+    Camera disturbances are drawn if there is a generator.
+    """
+    ordered = sorted(samples, key=lambda sample: not sample[1].by_eye)
+    images, labels = zip(*ordered, strict=True)
+    read = [t for t in labels if t.by_eye]
+    noise = np.zeros((len(read), PARAMETERS))
     if rng is not None:
         noise = rng.normal(0.0, POSE_ERROR, noise.shape)
-    images, labels = zip(*samples, strict=True)
     return Batch(
         images=torch.from_numpy(np.stack(images)),
         boxes=[
@@ -161,12 +182,17 @@ def collate(
             )
             for t in labels
         ],
-        cells=torch.from_numpy(np.stack([t.cells for t in labels])),
-        holding=torch.tensor([float(t.holding) for t in labels]),
-        matrix=torch.from_numpy(np.stack([t.matrix for t in labels])).float(),
-        camera_from_board=torch.from_numpy(np.stack([t.camera_from_board for t in labels])).float(),
+        cells=_stacked([t.cells for t in read], (512,)).long(),
+        holding=torch.tensor([float(t.holding) for t in read]),
+        matrix=_stacked([t.matrix for t in read], (3, 3)).float(),
+        camera_from_board=_stacked([t.camera_from_board for t in read], (4, 4)).float(),
         disturbance=torch.from_numpy(noise).float(),
     )
+
+
+def _stacked(arrays: Sequence[np.ndarray], shape: tuple[int, ...]) -> torch.Tensor:
+    """Arrays of one shape, of which there may be none."""
+    return torch.from_numpy(np.array(arrays).reshape(-1, *shape))
 
 
 def batches(pictures: AnyPictures, size: int, seed: int, first: int) -> Iterator[Batch]:
@@ -202,6 +228,34 @@ def detector_losses(
     truth = model.pose_head.target(batch.matrix, batch.camera_from_board)
     outputs = wrapped(batch.images, truth + batch.disturbance)
     return model.losses(outputs, batch)
+
+
+@torch.inference_mode()
+def calibrate(model: RetinaNet, pictures: AnyPictures, most: int = 400) -> float:
+    """Set and return the temperature under which the cells' probabilities fit best.
+
+    Args:
+        model: A trained detector; its configuration gets the temperature.
+        pictures: Of layouts that it was not trained on.
+        most: Pictures that are looked at.
+
+    References:
+        Guo et al. (2017), On calibration of modern neural networks.
+    """
+    logits, cells = [], []
+    for start in range(0, min(len(pictures), most), 20):
+        stop = min(start + 20, len(pictures), most)
+        batch = collate([pictures[i] for i in range(start, stop)])
+        found = model(batch.images)["occupancy"][0].flatten(0, 1)
+        unsure = found.softmax(-1).amax(-1) < 1 - 1e-4  # the others say nothing of it
+        logits.append(found[unsure])
+        cells.append(batch.cells.flatten()[unsure])
+    outputs, truth = torch.cat(logits), torch.cat(cells)
+    tried = torch.linspace(0.6, 2.5, 77)
+    losses = [float(torch.nn.functional.cross_entropy(outputs / t, truth)) for t in tried]
+    temperature = round(float(tried[int(np.argmin(losses))]), 3) if len(truth) else 1.0
+    model.config = replace(model.config, temperature=temperature)
+    return temperature
 
 
 @torch.inference_mode()

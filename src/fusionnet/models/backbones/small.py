@@ -39,19 +39,30 @@ class Small(nn.Module):
 
     strides = (4, 8, 16)
     channels = (40, 80, 128)
+    stem_channels = 24
     mean = (0.5, 0.5, 0.5)
     deviation = (0.5, 0.5, 0.5)
 
     def __init__(self) -> None:
         super().__init__()
         fine, middle, coarse = self.channels
-        self.fine = nn.Sequential(_halve(3, 24), _halve(24, fine), Residual(fine))
+        stem = self.stem_channels
+        self.fine = nn.Sequential(_halve(3, stem), _halve(stem, fine), Residual(fine))
         self.middle = nn.Sequential(_halve(fine, middle), Residual(middle), Residual(middle))
         self.coarse = nn.Sequential(_halve(middle, coarse), Residual(coarse), Residual(coarse))
 
     def forward(self, images: Float[Tensor, "b 3 h w"]) -> list[Float[Tensor, "b _ _ _"]]:
         """Feature maps at strides 4, 8 and 16."""
-        fine = self.fine(images)
+        return self.after_stem(self.stem(images))
+
+    def stem(self, images: Float[Tensor, "b 3 h w"]) -> Float[Tensor, "b c _ _"]:
+        """Edges and colours at stride 2."""
+        edges: Tensor = self.fine[0](images)
+        return edges
+
+    def after_stem(self, stem: Float[Tensor, "b c _ _"]) -> list[Float[Tensor, "b _ _ _"]]:
+        """Feature maps at strides 4, 8 and 16 from the one at stride 2."""
+        fine = self.fine[1:](stem)
         middle = self.middle(fine)
         return [fine, middle, self.coarse(middle)]
 

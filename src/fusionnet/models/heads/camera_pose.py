@@ -73,7 +73,14 @@ class CameraPose(nn.Module):
     def forward(
         self, fine: Float[Tensor, "b _ h w"], coarse: Float[Tensor, "b _ h2 w2"]
     ) -> list[Float[Tensor, "b 7"]]:
-        """Deviation after the coarse and after the fine step, in `UNITS`."""
+        """Deviation after the coarse and after the fine step, in `UNITS`.
+
+        In full precision also where the rest is trained in half of it: a thousandth counts.
+        """
+        with torch.autocast(fine.device.type, enabled=False):
+            return self._estimate(fine.float(), coarse.float())
+
+    def _estimate(self, fine: Tensor, coarse: Tensor) -> list[Tensor]:
         first = self.coarse(coarse)
         squeezed = self.squeeze(fine)
         pixels = self.project(first.detach(), self.landmarks)
@@ -87,13 +94,25 @@ class CameraPose(nn.Module):
         self, deviation: Float[Tensor, "b 7"], points: Float[Tensor, "n 3"]
     ) -> Float[Tensor, "b n 2"]:
         """Pixels (column, row) of the network's input where points of the board frame appear."""
-        scaled = deviation.float() * self.units
+        with torch.autocast(deviation.device.type, enabled=False):
+            return self._project(deviation.float(), points)
+
+    def _project(self, deviation: Tensor, points: Tensor) -> Tensor:
+        scaled = deviation * self.units
         rotation = torch.linalg.matrix_exp(_cross_matrix(scaled[:, :3]))
         nominal = points @ self.nominal[:3, :3].T + self.nominal[:3, 3]
         moved = nominal @ rotation.transpose(1, 2) + scaled[:, None, 3:6]
         ratio = moved[..., :2] / moved[..., 2:].clamp(min=1e-3)
         focal = torch.stack([self.matrix[0, 0], self.matrix[1, 1]]) * scaled[:, None, 6:].exp()
         return ratio * focal + self.matrix[:2, 2]
+
+    def viewpoint(self, deviation: Float[Tensor, "b 7"]) -> Float[Tensor, "b 3"]:
+        """Where the camera stands, in the board frame, in metres."""
+        scaled = deviation.float() * self.units
+        turned = torch.linalg.matrix_exp(_cross_matrix(scaled[:, :3]))
+        rotation = turned @ self.nominal[:3, :3]
+        moved = turned @ self.nominal[:3, 3] + scaled[:, 3:6]
+        return -(rotation.transpose(1, 2) @ moved[..., None])[..., 0]
 
     def target(
         self, matrix: Float[Tensor, "b 3 3"], camera_from_board: Float[Tensor, "b 4 4"]
@@ -130,10 +149,13 @@ def sample(
     pixels: Float[Tensor, "b n 2"],
     input_size: tuple[int, int],
 ) -> Float[Tensor, "b c n"]:
-    """Features at pixels of the input, bilinear, zero outside of the picture."""
-    size = torch.tensor(input_size, dtype=features.dtype, device=features.device)
-    grid = (pixels.to(features.dtype) / size * 2 - 1)[:, None]
-    return nn.functional.grid_sample(features, grid, align_corners=False)[:, :, 0]
+    """Features at pixels of the input, bilinear, zero outside of the picture.
+
+    In full precision: half of it would displace the pixels.
+    """
+    size = torch.tensor(input_size, dtype=torch.float32, device=features.device)
+    grid = (pixels.float() / size * 2 - 1)[:, None]
+    return nn.functional.grid_sample(features.float(), grid, align_corners=False)[:, :, 0]
 
 
 def _landmarks() -> Float[Tensor, "n 3"]:

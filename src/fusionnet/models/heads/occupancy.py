@@ -30,6 +30,9 @@ class Occupancy(nn.Module):
         input_size: Width and height of the network's input, in pixels.
         gathered: Channels gathered at each projected point.
         width: Channels of the three-dimensional convolutions.
+        blocks: Residual blocks of three-dimensional convolutions.
+        stem_channels: Channels of the backbone's map at stride 2.
+        detail: Channels gathered from that map at each projected point; 0 for none.
     """
 
     def __init__(
@@ -40,6 +43,9 @@ class Occupancy(nn.Module):
         input_size: tuple[int, int],
         gathered: int = 32,
         width: int = 64,
+        blocks: int = 2,
+        stem_channels: int = 0,
+        detail: int = 0,
     ) -> None:
         super().__init__()
         self.empty = EMPTY
@@ -49,6 +55,11 @@ class Occupancy(nn.Module):
         self.register_buffer("points", points.reshape(-1, 3), persistent=False)
         self.squeeze = nn.Conv2d(fine_channels, gathered, 1)
         self.embed = nn.Linear(gathered * self.points_a_cell, width)
+        self.detail = self.embed_detail = None
+        if detail:
+            self.detail = nn.Conv2d(stem_channels, detail, 1)
+            self.embed_detail = nn.Linear(detail * self.points_a_cell, width, bias=False)
+            nn.init.zeros_(self.embed_detail.weight)
         self.context = nn.Linear(coarse_channels, width)
         self.position = nn.Parameter(torch.zeros(GRID**3, width))
         self.reason = nn.ModuleList(
@@ -58,8 +69,11 @@ class Occupancy(nn.Module):
                 nn.ReLU(inplace=True),
                 nn.Conv3d(width, width, 3, padding=1),
             )
-            for _ in range(2)
+            for _ in range(blocks)
         )
+        for block in self.reason:  # each begins as the identity
+            nn.init.zeros_(block[-1].weight)
+            nn.init.zeros_(block[-1].bias)
         self.classify = nn.Linear(width, EMPTY + 1)
         self.hold = nn.Linear(2 * width, 1)
 
@@ -70,6 +84,7 @@ class Occupancy(nn.Module):
         fine: Float[Tensor, "b _ h w"],
         coarse: Float[Tensor, "b _ h2 w2"],
         pixels: Float[Tensor, "b n 2"],
+        stem: Float[Tensor, "b _ h3 w3"] | None = None,
     ) -> tuple[Float[Tensor, "b 512 17"], Float[Tensor, " b"]]:
         """Logits of the classes a cell, and of a held block.
 
@@ -77,11 +92,12 @@ class Occupancy(nn.Module):
             fine: Fine feature map.
             coarse: Coarse feature map.
             pixels: Where `points` appear in the network's input.
+            stem: The map at stride 2, if details are gathered.
         """
         batch = len(fine)
-        gathered = sample(self.squeeze(fine), pixels, self.input_size)
-        cells = gathered.view(batch, gathered.shape[1], GRID**3, self.points_a_cell)
-        cells = self.embed(cells.permute(0, 2, 1, 3).flatten(2))
+        cells = self.embed(self._gather(self.squeeze(fine), pixels))
+        if self.detail is not None and self.embed_detail is not None:
+            cells = cells + self.embed_detail(self._gather(self.detail(stem), pixels))
         around = self.context(coarse.mean(dim=(2, 3)))
         x = nn.functional.relu(cells + self.position + around[:, None])
         x = x.transpose(1, 2).reshape(batch, -1, GRID, GRID, GRID)
@@ -90,6 +106,12 @@ class Occupancy(nn.Module):
         x = x.flatten(2).transpose(1, 2)
         held = self.hold(torch.cat([x.amax(dim=1), around], dim=1))[:, 0]
         return self.classify(x), held
+
+    def _gather(self, features: Tensor, pixels: Tensor) -> Float[Tensor, "b 512 _"]:
+        """The features at all points of each cell."""
+        gathered = sample(features, pixels, self.input_size)
+        cells = gathered.view(*gathered.shape[:2], GRID**3, self.points_a_cell)
+        return cells.permute(0, 2, 1, 3).flatten(2)
 
     def losses(
         self,
