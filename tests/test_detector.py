@@ -7,22 +7,27 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
+from dataset_fixtures import small_plan, small_sources
 from fusionnet.blocks import Block, Cell, Color, Layout, Shape, validate
+from fusionnet.dataset.build import build
 from fusionnet.dataset.layouts import varied_layout
-from fusionnet.dataset.pictures import (
-    EMPTY,
-    EYE_FRAME,
-    PicturePlan,
-    Pictures,
-    build_pictures,
-    label,
-)
-from fusionnet.errors import DataError, InputError
+from fusionnet.dataset.pictures import EMPTY, EYE_FRAME, label
+from fusionnet.dataset.reader import StoredPictures
+from fusionnet.errors import InputError
 from fusionnet.models.heads.boxes import BoxConfig, Boxes, BoxHead, BoxOutputs
 from fusionnet.models.retinanet import RetinaNet
 from fusionnet.randomness import generator
 from fusionnet.simulation import Appearance, SceneRenderer
-from fusionnet.training.detector import batches, collate, measure, new_detector
+from fusionnet.training.detector import (
+    DetectorConfig,
+    JoinedPictures,
+    batches,
+    calibrate,
+    collate,
+    measure,
+    new_detector,
+    start_from,
+)
 from fusionnet.training.loop import LoopConfig, fit
 
 TABLE = Layout(
@@ -82,40 +87,92 @@ def test_a_table_without_blocks_trains(renderer, model):
     assert float(losses["box"].detach()) == 0.0
 
 
-def test_the_same_pictures_from_one_worker_or_two(tmp_path):
-    plan = PicturePlan(count=4, seed=5, invented=1.0, shard=2)
-    for workers in (1, 2):
-        build_pictures(tmp_path / str(workers), plan, [], workers=workers)
-    one, two = Pictures(tmp_path / "1"), Pictures(tmp_path / "2")
-    assert len(one) == len(two) == 4
-    for index in range(4):
-        np.testing.assert_array_equal(one[index][0], two[index][0])
-        np.testing.assert_array_equal(one[index][1].cells, two[index][1].cells)
-
-
-def test_a_damaged_shard_is_named(tmp_path):
-    build_pictures(tmp_path, PicturePlan(count=1, invented=1.0, shard=1), [])
-    file = tmp_path / "images-0000.npy"
-    file.write_bytes(file.read_bytes()[:1000])
-    with pytest.raises(DataError, match="Shard 0000 .* is damaged"):
-        Pictures(tmp_path)
-    with pytest.raises(DataError, match="No pictures in"):
-        Pictures(tmp_path / "empty")
-
-
 def test_varied_layouts_can_stand_on_a_table():
     for index in range(300):
         validate(varied_layout(generator(index, "layout"), [TABLE], invented=0.2))
 
 
-def test_a_resumed_run_sees_the_batches_that_it_would_have_seen(tmp_path):
-    build_pictures(tmp_path, PicturePlan(count=5, invented=1.0, shard=5), [])
-    pictures = Pictures(tmp_path)
-    whole = batches(pictures, 2, 0, 0)
+@pytest.fixture(scope="module")
+def stored(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("stored")
+    sources = small_sources(folder / "sources")
+    build(folder / "set", small_plan(sources), sources)
+    return folder / "set"
+
+
+def test_a_resumed_run_sees_the_batches_that_it_would_have_seen(stored):
+    pictures = JoinedPictures([StoredPictures(stored, "train"), StoredPictures(stored, "sim")])
+    assert len(pictures) == 13
+    assert sorted(pictures.order(0, 1)) == list(range(13))
+    whole = batches(pictures, 4, 0, 0)
     expected = [next(whole).images for _ in range(5)]
-    resumed = batches(pictures, 2, 0, 3)
+    resumed = batches(pictures, 4, 0, 3)
     for wanted in expected[3:]:
         torch.testing.assert_close(next(resumed).images, wanted)
+
+
+def test_layouts_are_learnt_through_the_eye_alone(stored, model):
+    pictures = StoredPictures(stored, "train")
+    samples = [pictures[i] for i in range(len(pictures))]
+    by_eye = [labels for _, labels in samples if labels.by_eye]
+    assert 0 < len(by_eye) < len(samples)
+    batch = collate(samples)
+    assert len(batch.images) == len(batch.boxes) == 12
+    np.testing.assert_array_equal(batch.cells, [labels.cells for labels in by_eye])
+    deviation = model.pose_head.target(batch.matrix, batch.camera_from_board)
+    outputs = model(batch.images, deviation)
+    assert len(outputs["occupancy"][0]) == len(by_eye)
+    assert set(model.losses(outputs, batch)) == {"class", "box", "pose", "occupancy", "holding"}
+    views = collate([s for s in samples if not s[1].by_eye])
+    outputs = model(views.images, torch.zeros(0, 7))
+    assert set(model.losses(outputs, views)) == {"class", "box"}
+
+
+def test_a_detector_starts_from_another(tmp_path, model):
+    model.save(tmp_path / "detector", {}, half=False)
+    other = new_detector(seed=5)
+    assert start_from(other, tmp_path / "detector") == []
+    for ours, theirs in zip(other.parameters(), model.parameters(), strict=True):
+        torch.testing.assert_close(ours, theirs)
+    plain = RetinaNet(dataclasses.replace(model.config, detail=0, reasoning=2))
+    plain.save(tmp_path / "plain", {}, half=False)
+    left = start_from(other, tmp_path / "plain")
+    assert "occupancy_head.embed_detail.weight" in left and len(left) < 20
+    image = torch.randint(0, 255, (1, 304, 352, 3), dtype=torch.uint8)
+    with torch.inference_mode():  # what is new begins as the identity
+        found, wanted = other.eval()(image), plain.eval()(image)
+    torch.testing.assert_close(found["occupancy"][0], wanted["occupancy"][0])
+
+
+def test_nothing_to_learn_from_is_refused():
+    with pytest.raises(InputError, match="At least one data set"):
+        DetectorConfig(datasets=())
+
+
+def test_the_temperature_makes_probabilities_true(stored, model, monkeypatch):
+    pictures, rng = StoredPictures(stored, "sim_val"), np.random.default_rng(0)
+    wrong = rng.random(512) < 0.2  # four in five are right, said with 98 %
+
+    def sure(images):
+        cells = collate([pictures[0]]).cells
+        said = torch.where(torch.from_numpy(wrong), (cells + 1) % 17, cells)
+        return {"occupancy": (torch.nn.functional.one_hot(said, 17) * 7.0, None)}
+
+    monkeypatch.setattr(model, "config", model.config)
+    monkeypatch.setattr(model, "forward", sure)
+    temperature = calibrate(model, pictures)
+    share = torch.softmax(torch.eye(17)[0] * 7.0 / temperature, 0)[0]
+    assert float(share) == pytest.approx(1 - wrong.mean(), abs=0.02)
+
+
+def test_half_precision_does_not_displace_pixels(model):
+    deviation = torch.randn(2, 7)
+    exact = model.pose_head.project(deviation, model.occupancy_head.points)
+    with torch.autocast("cpu", torch.bfloat16):
+        half = model.pose_head.project(deviation, model.occupancy_head.points)
+        pose = model.pose_head(torch.randn(1, 48, 76, 88), torch.randn(1, 128, 19, 22))
+    torch.testing.assert_close(exact, half)
+    assert pose[-1].dtype is torch.float32
 
 
 def test_the_detector_overfits_one_batch(renderer):
@@ -129,7 +186,7 @@ def test_the_detector_overfits_one_batch(renderer):
         LoopConfig(steps=40, learning_rate=3e-3, log_every=5, loss_weights={"occupancy": 0.2}),
     )
     assert history[-1]["occupancy"] < 0.1 * history[0]["occupancy"]
-    assert history[-1]["class"] < 0.3 * history[0]["class"]
+    assert history[-1]["class"] < 0.5 * history[0]["class"]
     assert history[-1]["pose"] < 0.5 * history[0]["pose"]
 
 
@@ -180,10 +237,9 @@ def test_pictures_of_any_size_are_seen(model, shape):
     np.testing.assert_allclose(sight.cells.sum(-1), 1.0, atol=1e-6)
 
 
-def test_measures_of_a_perfect_reader(tmp_path, model, monkeypatch):
-    build_pictures(tmp_path, PicturePlan(count=3, invented=1.0, shard=3), [])
-    pictures = Pictures(tmp_path)
-    truth = collate([pictures[i] for i in range(3)])
+def test_measures_of_a_perfect_reader(stored, model, monkeypatch):
+    pictures = StoredPictures(stored, "sim")
+    truth = collate([pictures[i] for i in range(len(pictures))])
 
     def perfect(images):
         logits = torch.nn.functional.one_hot(truth.cells, 17).float()

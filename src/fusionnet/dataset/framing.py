@@ -121,6 +121,7 @@ def labels_of(sample: Mapping[str, Any], frame: PictureFrame) -> Labels:
     return Labels(
         boxes=boxes[shown],
         classes=np.asarray(sample["classes"], dtype=int)[shown],
+        hidden=np.asarray(sample["box_hidden"], dtype=bool)[shown],
         cells=cells,
         visible=visible,
         holding=bool(sample["holding"]),

@@ -35,6 +35,7 @@ LABEL_COLUMNS = (
     "boxes",
     "classes",
     "box_blocks",
+    "box_hidden",
     "block_cells",
     "block_classes",
     "block_pixels",

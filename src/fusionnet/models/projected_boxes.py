@@ -59,6 +59,8 @@ def projected_boxes(
         size: Width and height of the picture, in pixels.
     """
     possible = np.flatnonzero(cells[:, :EMPTY].max(axis=1) >= SCORE)
+    if not len(possible):
+        return Boxes(torch.zeros(0, 4).double(), torch.zeros(0).long(), torch.zeros(0))
     possible = possible[_far_to_near(possible, viewpoint)]
     there = cells[possible, EMPTY] < 0.5
     by_shape = cells[possible, :EMPTY].reshape(-1, len(_SHAPES), COLORS)
@@ -73,7 +75,7 @@ def projected_boxes(
     for number, shape, color in np.argwhere(by_shape >= SCORE):
         box, seen = drawn[number], pixels[number]
         if not there[number] or shape != shapes[number]:
-            box, seen = _seen_part(picture, outlines[shape][number], number)
+            box, seen = _seen_part(picture, outlines[shape][number], int(number))
         if seen >= LEAST_PIXELS:
             boxes.append(box)
             classes.append(int(shape * COLORS + color))

@@ -110,7 +110,7 @@ class RetinaNet(nn.Module):
     def forward(
         self,
         images: UInt8[Tensor, "b h w 3"],
-        deviation: Float[Tensor, "b 7"] | None = None,
+        deviation: Float[Tensor, "n 7"] | None = None,
         *,
         fusion: bool = True,
     ) -> dict[str, Any]:

@@ -1,0 +1,90 @@
+"""Boxes that a layout explains are those that the renderer labels."""
+
+import numpy as np
+import pytest
+import torch
+from torchvision.ops import box_iou
+
+from fusionnet.blocks import CLASS_NAMES, Block, Cell, Color, Layout, Shape
+from fusionnet.dataset.layouts import varied_layout
+from fusionnet.dataset.pictures import EYE_FRAME
+from fusionnet.geometry import apply, invert
+from fusionnet.models.heads.boxes import Boxes
+from fusionnet.models.projected_boxes import projected_boxes, with_leftovers
+from fusionnet.randomness import generator
+from fusionnet.simulation import SceneRenderer
+
+SIZE = (960, 540)
+
+
+@pytest.fixture(scope="module")
+def renderer():
+    return SceneRenderer("nico", size=SIZE)
+
+
+def explained(renderer, cells):
+    """The boxes of a soft layout through the nominal left eye."""
+    camera, board = renderer.camera("left_eye"), renderer.robot.robot_from_board
+    viewpoint = apply(invert(board), camera.position[None])[0]
+    return projected_boxes(
+        cells, lambda points: camera.project(apply(board, points)) + 0.5, viewpoint, SIZE
+    )
+
+
+def certain(layout):
+    cells = np.zeros((512, 17))
+    cells[:, 16] = 1.0
+    for block in layout.blocks:
+        cells[block.cell.index] = np.eye(17)[block.class_index]
+    return cells
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_boxes_are_those_of_the_renderer(renderer, seed):
+    rng = generator(seed, "projected")
+    layout = varied_layout(rng, [], invented=1.0)
+    if layout.held is not None:  # the hand hides blocks
+        layout = Layout(tuple(b for b in layout.blocks if b is not layout.held))
+    view = renderer.view(layout)
+    found = explained(renderer, certain(layout))
+    overlaps = box_iou(torch.from_numpy(view.boxes), found.xyxy)
+    overlaps *= torch.from_numpy(view.classes)[:, None] == found.classes
+    # a corner that peeps out by a pixel or not changes a box by much, but few boxes
+    shown = torch.from_numpy(view.visible[view.indices] >= 60)
+    assert (overlaps.amax(dim=1)[shown] > 0.7).float().mean() > 0.85
+    assert abs(len(found.scores) - int((view.visible >= 12).sum())) <= 3
+    torch.testing.assert_close(found.scores, torch.ones(len(found.scores)))
+
+
+def test_a_doubtful_block_gives_a_box_and_hides_nothing(renderer):
+    sure = Layout((Block(Color.BLUE, Shape.CUBE, Cell(5, 4, 0)),))
+    cells = certain(sure)
+    doubtful = Cell(3, 4, 1).index  # before it
+    cells[doubtful] = 0.0
+    cells[doubtful, [2, 10, 16]] = 0.2, 0.1, 0.7
+    alone, both = explained(renderer, certain(sure)), explained(renderer, cells)
+    assert sorted(CLASS_NAMES[int(k)] for k in both.classes) == sorted(
+        [CLASS_NAMES[k] for k in (2, 10)] + [CLASS_NAMES[int(alone.classes[0])]]
+    )
+    row = int((both.classes == alone.classes[0]).nonzero()[0, 0])
+    torch.testing.assert_close(both.xyxy[row], alone.xyxy[0])
+    torch.testing.assert_close(both.scores[both.classes == 2], torch.tensor([0.2]))
+
+
+def test_an_empty_table_has_no_boxes(renderer):
+    assert len(explained(renderer, certain(Layout(()))).scores) == 0
+
+
+def test_what_no_cell_explains_is_kept_with_less_weight():
+    box = torch.tensor([[100.0, 90.0, 140.0, 130.0]], dtype=torch.float64)
+    ours = Boxes(box, torch.tensor([3]), torch.tensor([0.9]))
+    in_eye = box + torch.tensor([*EYE_FRAME.crop[:2]] * 2)
+    found = torch.from_numpy(EYE_FRAME.to_input(torch.cat([in_eye + 2, in_eye + 2]).numpy()))
+    others = Boxes(found, torch.tensor([3, 4]), torch.tensor([0.8, 0.5]))
+    kept = with_leftovers(ours, others, EYE_FRAME)
+    assert kept.classes.tolist() == [3, 4]
+    torch.testing.assert_close(kept.xyxy[0], in_eye[0])
+    torch.testing.assert_close(kept.scores, torch.tensor([0.9, 0.2]))
+    none = Boxes(torch.zeros(0, 4).double(), torch.zeros(0).long(), torch.zeros(0))
+    assert with_leftovers(none, none, EYE_FRAME).classes.tolist() == []
+    assert with_leftovers(none, others, EYE_FRAME).classes.tolist() == [3, 4]
