@@ -7,7 +7,6 @@ from torchvision.ops import box_iou
 
 from fusionnet.blocks import CLASS_NAMES, Block, Cell, Color, Layout, Shape
 from fusionnet.dataset.layouts import varied_layout
-from fusionnet.dataset.pictures import EYE_FRAME
 from fusionnet.geometry import apply, invert
 from fusionnet.models.heads.boxes import Boxes
 from fusionnet.models.projected_boxes import projected_boxes, with_leftovers
@@ -78,13 +77,11 @@ def test_an_empty_table_has_no_boxes(renderer):
 def test_what_no_cell_explains_is_kept_with_less_weight():
     box = torch.tensor([[100.0, 90.0, 140.0, 130.0]], dtype=torch.float64)
     ours = Boxes(box, torch.tensor([3]), torch.tensor([0.9]))
-    in_eye = box + torch.tensor([*EYE_FRAME.crop[:2]] * 2)
-    found = torch.from_numpy(EYE_FRAME.to_input(torch.cat([in_eye + 2, in_eye + 2]).numpy()))
-    others = Boxes(found, torch.tensor([3, 4]), torch.tensor([0.8, 0.5]))
-    kept = with_leftovers(ours, others, EYE_FRAME)
+    others = Boxes(torch.cat([box, box]) + 2, torch.tensor([3, 4]), torch.tensor([0.8, 0.5]))
+    kept = with_leftovers(ours, others)
     assert kept.classes.tolist() == [3, 4]
-    torch.testing.assert_close(kept.xyxy[0], in_eye[0])
+    torch.testing.assert_close(kept.xyxy[0], box[0])
     torch.testing.assert_close(kept.scores, torch.tensor([0.9, 0.2]))
     none = Boxes(torch.zeros(0, 4).double(), torch.zeros(0).long(), torch.zeros(0))
-    assert with_leftovers(none, none, EYE_FRAME).classes.tolist() == []
-    assert with_leftovers(none, others, EYE_FRAME).classes.tolist() == [3, 4]
+    assert with_leftovers(none, none).classes.tolist() == []
+    assert with_leftovers(none, others).classes.tolist() == [3, 4]

@@ -15,19 +15,15 @@ from typing import Any, Literal
 import numpy as np
 import torch
 from jaxtyping import Float
-from torchmetrics.detection import MeanAveragePrecision
 
-from fusionnet.blocks import CLASS_NAMES
 from fusionnet.corpora import load_corpus
 from fusionnet.dataset.pictures import EMPTY, Labels, label
 from fusionnet.errors import InputError
+from fusionnet.models.labelled_boxes import Boxes, BoxPrecision
 from fusionnet.models.retinanet import RetinaNet, Sight
 from fusionnet.policy import weights_folder
 from fusionnet.randomness import generator
 from fusionnet.simulation import Appearance, SceneRenderer
-
-MOST_DETECTIONS = 300
-"""Detections a picture that count at most; the most probable ones."""
 
 CLEARLY_EMPTY = 0.999
 """Cells that are empty with more than this say nothing of the calibration."""
@@ -73,7 +69,7 @@ def evaluate(
         raise InputError(f"The corpus {config.corpus!r} has no commands in {config.split!r}.")
     model = RetinaNet.from_folder(weights_folder(config.checkpoint) / "detector")
     renderer = SceneRenderer("nico", size=model.frame.eye_size)
-    strict, lenient = _precision(), _precision()
+    strict, lenient = BoxPrecision(), BoxPrecision()
     counted: dict[str, list[np.ndarray]] = {}
     confidence: list[np.ndarray] = []
     spent: list[float] = []
@@ -85,8 +81,8 @@ def evaluate(
         sight = model.see_prepared(picture)
         spent.append(time.perf_counter() - began)
         wanted = _wanted(truth, model)
-        strict.update([_predicted(sight)], [wanted])
-        lenient.update([_predicted(sight)], [wanted | {"iscrowd": torch.from_numpy(truth.hidden)}])
+        strict.update(sight.boxes, wanted)
+        lenient.update(sight.boxes, wanted, torch.from_numpy(truth.hidden))
         for name, values in _cells(sight, truth).items():
             counted.setdefault(name, []).append(values)
         confidence.append(_confidence(sight, truth))
@@ -97,8 +93,8 @@ def evaluate(
         "corpus": config.corpus,
         "split": config.split,
         "n": config.pictures,
-        **_summary(strict),
-        "without_mostly_hidden_blocks": _summary(lenient),
+        **strict.compute(),
+        "without_mostly_hidden_blocks": lenient.compute(),
         **shares,
         "calibration_error": round(calibration_error(np.concatenate(confidence)), 4),
         "milliseconds_a_picture": round(1000 * float(np.median(spent)), 1),
@@ -130,40 +126,9 @@ def _confidence(sight: Sight, truth: Labels) -> Float[np.ndarray, "n 2"]:
     return np.column_stack([cells.max(1), guess == truth.cells])[asked]
 
 
-def _precision() -> MeanAveragePrecision:
-    precision = MeanAveragePrecision(
-        backend="faster_coco_eval",
-        class_metrics=True,
-        extended_summary=True,
-        max_detection_thresholds=[1, 10, MOST_DETECTIONS],
-    )
-    precision.warn_on_many_detections = False
-    return precision
-
-
-def _summary(precision: MeanAveragePrecision) -> dict[str, Any]:
-    """Means over the classes that occur, and each class's precision at an overlap of 0.5."""
-    found = precision.compute()
-    by_class = found["precision"][:, :, :, 0, -1].mean(dim=1)  # overlaps, classes
-    there = (by_class[0] >= 0).nonzero()[:, 0].tolist()
-    names = [CLASS_NAMES[int(np.atleast_1d(found["classes"].numpy())[row])] for row in there]
-    return {
-        "map_50": round(float(by_class[0, there].mean()), 4),
-        "map_50_95": round(float(by_class[:, there].mean()), 4),
-        "map_50_by_class": {
-            name: round(float(by_class[0, row]), 4) for name, row in zip(names, there, strict=True)
-        },
-    }
-
-
-def _predicted(sight: Sight) -> dict[str, torch.Tensor]:
-    boxes = sight.boxes
-    return {"boxes": boxes.xyxy.float(), "scores": boxes.scores, "labels": boxes.classes}
-
-
-def _wanted(truth: Labels, model: RetinaNet) -> dict[str, torch.Tensor]:
-    boxes = model.frame.to_eye(truth.boxes.astype(float))
-    return {"boxes": torch.from_numpy(boxes).float(), "labels": torch.from_numpy(truth.classes)}
+def _wanted(truth: Labels, model: RetinaNet) -> Boxes:
+    boxes = torch.from_numpy(model.frame.to_eye(truth.boxes.astype(float)))
+    return Boxes(boxes, torch.from_numpy(truth.classes), torch.ones(len(boxes)))
 
 
 def _cells(sight: Sight, truth: Labels) -> dict[str, np.ndarray]:

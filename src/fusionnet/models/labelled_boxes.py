@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import torch
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 from torch import Tensor
 from torchmetrics.detection import MeanAveragePrecision
 
@@ -49,10 +49,18 @@ class BoxPrecision:
         self._metric.warn_on_many_detections = False
         self._instances = torch.zeros(len(CLASS_NAMES), dtype=torch.long)
 
-    def update(self, found: Boxes, truth: Boxes) -> None:
-        """Add one picture."""
+    def update(self, found: Boxes, truth: Boxes, ignored: Bool[Tensor, " n"] | None = None) -> None:
+        """Add one picture.
+
+        Args:
+            found: Detections.
+            truth: What there is.
+            ignored: Which of `truth` neither count when missed nor make a detection wrong, as
+                COCO's crowds; none by default.
+        """
         labels = truth.classes.long().cpu()
-        self._instances += torch.bincount(labels, minlength=len(CLASS_NAMES))
+        ignored = torch.zeros(len(labels), dtype=torch.bool) if ignored is None else ignored.cpu()
+        self._instances += torch.bincount(labels[~ignored], minlength=len(CLASS_NAMES))
         self._metric.update(
             [
                 {
@@ -61,7 +69,7 @@ class BoxPrecision:
                     "labels": found.classes.cpu(),
                 }
             ],
-            [{"boxes": truth.xyxy.float().cpu(), "labels": labels}],
+            [{"boxes": truth.xyxy.float().cpu(), "labels": labels, "iscrowd": ignored.long()}],
         )
 
     def compute(self) -> dict[str, Any]:

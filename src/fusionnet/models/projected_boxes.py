@@ -16,7 +16,6 @@ from scipy import ndimage
 from torchvision.ops import box_iou
 
 from fusionnet.blocks import BLOCK_SIZE, CLASS_NAMES, GRID, Block, Cell, Color, Shape
-from fusionnet.dataset.frame import PictureFrame
 from fusionnet.models.heads.boxes import SCORE, Boxes
 from fusionnet.simulation.tabletop import drawn_corners, ideal_poses
 
@@ -87,16 +86,9 @@ def projected_boxes(
     )
 
 
-def with_leftovers(explained: Boxes, found: Boxes, frame: PictureFrame) -> Boxes:
-    """Boxes of the eye's picture: those explained, and what else the box head found.
-
-    Args:
-        explained: In pixels of the frame's crop.
-        found: The box head's, in pixels of the input.
-        frame: Which part of the eye's picture was seen.
-    """
-    ours = explained.xyxy + torch.tensor([*frame.crop[:2]] * 2)
-    others = torch.from_numpy(frame.to_eye(found.xyxy.double().numpy()))
+def with_leftovers(explained: Boxes, found: Boxes) -> Boxes:
+    """Those explained, and what else the box head found; all in pixels of one picture."""
+    ours, others = explained.xyxy, found.xyxy
     same = box_iou(others, ours) * (found.classes[:, None] == explained.classes)
     scores = UNEXPLAINED * found.scores
     left = scores >= SCORE

@@ -194,6 +194,8 @@ class RetinaNet(nn.Module):
             )
         outputs = self(torch.from_numpy(picture)[None])
         found = self.box_head.predict(outputs["boxes"])[0]
+        xyxy = torch.from_numpy(self.frame.to_eye(found.xyxy.double().numpy()))
+        detected = Boxes(xyxy, found.classes, found.scores)
         logits, held = outputs["occupancy"]
         cells = (logits[0].double() / self.config.temperature).softmax(-1).numpy()
         pose, head = outputs["pose"][-1], self.pose_head
@@ -207,8 +209,10 @@ class RetinaNet(nn.Module):
         left, top, right, bottom = self.frame.crop
         size, viewpoint = (right - left, bottom - top), head.viewpoint(pose)[0].numpy()
         explained = projected_boxes(cells, project, viewpoint, size)
+        explained.xyxy += torch.tensor([left, top, left, top])
         return Sight(
-            boxes=with_leftovers(explained, found, self.frame),
+            boxes=with_leftovers(explained, detected),
+            detected=detected,
             cells=cells.reshape(8, 8, 8, -1),
             holding=float(held[0].sigmoid()),
             corners=corners.double().numpy() / scale + offset,

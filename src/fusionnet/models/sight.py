@@ -50,13 +50,16 @@ class Sight:
     """What the network sees in one picture.
 
     Attributes:
-        boxes: Detections, in pixels of the eye's picture.
+        boxes: Blocks that the cells explain and what else the box head detected, in pixels of
+            the eye's picture; to be believed where a board is seen.
+        detected: What the box head alone detected.
         cells: Probabilities of the 17 classes for each cell of the grid.
         holding: Probability that the gripper holds a block.
         corners: Where the corners of the checkerboard appear, in pixels of the eye's picture.
     """
 
     boxes: Boxes
+    detected: Boxes
     cells: Float[np.ndarray, "8 8 8 17"]
     holding: float
     corners: Float[np.ndarray, "81 2"]
