@@ -80,7 +80,8 @@ def test_training_prints_its_metrics(what, monkeypatch, capsys) -> None:
         return {"seed": config.seed, "accuracy": 0.9}
 
     monkeypatch.setattr(train, f"train_{what}", fake)
-    assert main(["train", what, "--seed", "3"]) == 0
+    datasets = ["SET"] if what == "detector" else []
+    assert main(["train", what, *datasets, "--seed", "3"]) == 0
     assert json.loads(capsys.readouterr().out) == {"seed": 3, "accuracy": 0.9}
 
 

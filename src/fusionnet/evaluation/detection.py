@@ -1,23 +1,26 @@
-"""How well blocks are found, and layouts read, in pictures through the robot's eye.
+"""How well blocks are found, and layouts read, in pictures through the robot's eye or in views.
 
-Pictures are rendered of layouts of one part of a corpus, in looks that no training
-picture had. Boxes of blocks of which less than a quarter is visible are counted in one mean
-average precision, and in the other left out as COCO leaves out crowds: neither finding nor
-missing them counts.
+Pictures are those of a stored data set, or rendered of layouts of one part of a corpus, in
+looks that no training picture had. Boxes of blocks of which less than a quarter is visible are
+counted in one mean average precision, and in the other left out as COCO leaves out crowds:
+neither finding nor missing them counts.
 """
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 import numpy as np
 import torch
-from jaxtyping import Float
+import tyro
+from jaxtyping import Float, UInt8
 
-from fusionnet.corpora import load_corpus
+from fusionnet.corpora import Part, load_corpus
+from fusionnet.dataset.frame import PictureFrame
 from fusionnet.dataset.pictures import EMPTY, Labels, label
+from fusionnet.dataset.reader import StoredPictures
 from fusionnet.errors import InputError
 from fusionnet.models.labelled_boxes import Boxes, BoxPrecision
 from fusionnet.models.retinanet import RetinaNet, Sight
@@ -37,17 +40,21 @@ class DetectionEvaluation:
     """What to measure.
 
     Attributes:
+        dataset: A data set that `fusionnet dataset build` made, whose pictures are looked at;
+            without, layouts of a corpus are rendered through the robot's eye.
         corpus: Where the layouts come from.
         data: Folder of the corpus's files.
-        split: Part of the corpus: train, val or test.
+        split: Part of the corpus (train, val or test), or split of the data set.
         checkpoint: A shipped name, or a folder that holds the checkpoint `detector`.
-        pictures: How many; layouts are shown again, in other looks, if there are fewer.
+        pictures: How many at most; a corpus's layouts are shown again, in other looks, if there
+            are fewer.
         seed: Of the looks.
     """
 
+    dataset: tyro.conf.Positional[Path | None] = None
     corpus: str = "treebank"
     data: Path | None = None
-    split: Literal["train", "val", "test"] = "test"
+    split: Literal["train", "val", "test", "sim_val", "sim"] = "test"
     checkpoint: str = "compact"
     pictures: int = 300
     seed: int = 0
@@ -58,47 +65,85 @@ def evaluate(
 ) -> dict[str, Any]:
     """Mean average precision of the boxes, and how many cells and layouts are read right.
 
+    Layouts are read through the robot's left eye alone; in environmental views the box head is
+    measured.
+
     Raises:
         InputError: If no pictures are asked for, or the part has no commands.
+        DataError: If the data set is not finished, damaged, or of another schema.
     """
     if config.pictures < 1:
         raise InputError(f"At least one picture is needed; received {config.pictures}.")
-    scenes = [c.scene for c in load_corpus(config.corpus, config.data).split(config.split)]
-    layouts = list({id(layout): layout for s in scenes for layout in (s.before, s.after)}.values())
-    if not layouts:
-        raise InputError(f"The corpus {config.corpus!r} has no commands in {config.split!r}.")
     model = RetinaNet.from_folder(weights_folder(config.checkpoint) / "detector")
-    renderer = SceneRenderer("nico", size=model.frame.eye_size)
+    count, pictures = _pictures(config, model)
     strict, lenient = BoxPrecision(), BoxPrecision()
     counted: dict[str, list[np.ndarray]] = {}
     confidence: list[np.ndarray] = []
     spent: list[float] = []
-    for index in range(config.pictures):
-        layout = layouts[index % len(layouts)]
-        look = Appearance.sample(generator(config.seed, "detection", config.split, index))
-        picture, truth = label(renderer, layout, look, model.frame)
+    for index, (picture, truth) in enumerate(pictures):
         began = time.perf_counter()
-        sight = model.see_prepared(picture)
+        if truth.by_eye:
+            sight = model.see_prepared(picture)
+            found = _in_input(sight.boxes, model.frame)
+            for name, values in _cells(sight, truth).items():
+                counted.setdefault(name, []).append(values)
+            confidence.append(_confidence(sight, truth))
+        else:
+            found = model.detect_prepared(picture)
         spent.append(time.perf_counter() - began)
-        wanted = _wanted(truth, model)
-        strict.update(sight.boxes, wanted)
-        lenient.update(sight.boxes, wanted, torch.from_numpy(truth.hidden))
-        for name, values in _cells(sight, truth).items():
-            counted.setdefault(name, []).append(values)
-        confidence.append(_confidence(sight, truth))
+        wanted = Boxes(
+            torch.from_numpy(truth.boxes).float(),
+            torch.from_numpy(truth.classes),
+            torch.ones(len(truth.classes)),
+        )
+        strict.update(found, wanted)
+        lenient.update(found, wanted, torch.from_numpy(truth.hidden))
         if progress is not None:
-            progress(index + 1, config.pictures)
+            progress(index + 1, count)
     shares = {n: round(float(np.concatenate(v).mean()), 4) for n, v in counted.items()}
+    if confidence:
+        shares["calibration_error"] = round(calibration_error(np.concatenate(confidence)), 4)
     return {
-        "corpus": config.corpus,
+        "corpus": config.corpus if config.dataset is None else str(config.dataset.name),
         "split": config.split,
-        "n": config.pictures,
+        "n": count,
         **strict.compute(),
         "without_mostly_hidden_blocks": lenient.compute(),
         **shares,
-        "calibration_error": round(calibration_error(np.concatenate(confidence)), 4),
         "milliseconds_a_picture": round(1000 * float(np.median(spent)), 1),
     }
+
+
+def _pictures(
+    config: DetectionEvaluation, model: RetinaNet
+) -> tuple[int, Iterator[tuple[UInt8[np.ndarray, "h w 3"], Labels]]]:
+    """How many pictures there are to look at, and the pictures."""
+    if config.dataset is not None:
+        size = model.frame.input_size
+        stored = StoredPictures(config.dataset, config.split, input_size=size)
+        count = min(config.pictures, len(stored))
+        return count, (stored[i] for i in range(count))
+    if config.split not in get_args(Part):
+        raise InputError(f"The split {config.split!r} is one of data sets: name a data set.")
+    scenes = [c.scene for c in load_corpus(config.corpus, config.data).split(config.split)]
+    layouts = list({id(layout): layout for s in scenes for layout in (s.before, s.after)}.values())
+    if not layouts:
+        raise InputError(f"The corpus {config.corpus!r} has no commands in {config.split!r}.")
+    renderer = SceneRenderer("nico", size=model.frame.eye_size)
+    looks = (
+        Appearance.sample(generator(config.seed, "detection", config.split, index))
+        for index in range(config.pictures)
+    )
+    return config.pictures, (
+        label(renderer, layouts[index % len(layouts)], look, model.frame)
+        for index, look in enumerate(looks)
+    )
+
+
+def _in_input(boxes: Boxes, frame: PictureFrame) -> Boxes:
+    """Boxes of the eye's picture in pixels of the network's input."""
+    xyxy = torch.from_numpy(frame.to_input(boxes.xyxy.double().numpy()))
+    return Boxes(xyxy, boxes.classes, boxes.scores)
 
 
 def calibration_error(confidence: Float[np.ndarray, "n 2"], bins: int = 10) -> float:
@@ -124,11 +169,6 @@ def _confidence(sight: Sight, truth: Labels) -> Float[np.ndarray, "n 2"]:
     guess = cells.argmax(1)
     asked = (truth.cells != EMPTY) | (cells[:, EMPTY] < CLEARLY_EMPTY)
     return np.column_stack([cells.max(1), guess == truth.cells])[asked]
-
-
-def _wanted(truth: Labels, model: RetinaNet) -> Boxes:
-    boxes = torch.from_numpy(model.frame.to_eye(truth.boxes.astype(float)))
-    return Boxes(boxes, torch.from_numpy(truth.classes), torch.ones(len(boxes)))
 
 
 def _cells(sight: Sight, truth: Labels) -> dict[str, np.ndarray]:

@@ -226,13 +226,18 @@ class RetinaNet(nn.Module):
         frame crops away nothing is seen.
         """
         whole = padded_to_aspect(image, self.frame.eye_size)
-        levels, _, _ = self._features(picture := torch.from_numpy(self.frame.prepare(whole))[None])
-        found = self.box_head.predict(self._boxes(picture, levels))[0]
+        found = self.detect_prepared(self.frame.prepare(whole))
         scale = np.array([whole.shape[1], whole.shape[0]]) / self.frame.eye_size
         xyxy = self.frame.to_eye(found.xyxy.double().numpy()) * np.tile(scale, 2)
         xyxy = xyxy.clip(0, np.tile([image.shape[1], image.shape[0]], 2))
         kept = torch.from_numpy((xyxy[:, 2:] - xyxy[:, :2]).min(axis=1) > 0)
         return Boxes(torch.from_numpy(xyxy)[kept], found.classes[kept], found.scores[kept])
+
+    @torch.inference_mode()
+    def detect_prepared(self, picture: UInt8[np.ndarray, "h w 3"]) -> Boxes:
+        """What the box head finds, in pixels of a picture of the network's input size."""
+        levels, _, _ = self._features(prepared := torch.from_numpy(picture)[None])
+        return self.box_head.predict(self._boxes(prepared, levels))[0]
 
     def save(self, folder: Path, metadata: Mapping[str, Any], *, half: bool = True) -> None:
         """Write a checkpoint folder."""
