@@ -87,7 +87,7 @@ class Transformer(SentenceReader):
         vocabularies = [
             _vocabulary(checkpoint.config, n, folder) for n in ("source", "target", "known")
         ]
-        writes = checkpoint.config.get("writes")
+        writes: Any = checkpoint.config.get("writes")
         if writes not in get_args(Target):
             raise CheckpointError(f"The checkpoint {folder} writes {writes!r}: it is damaged.")
         network = TransformerNetwork(transformer_config(checkpoint.config.get("network")))

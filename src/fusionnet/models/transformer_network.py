@@ -11,7 +11,7 @@ References:
     Attention Is All You Need.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -221,6 +221,13 @@ class _Layer(nn.Module):
         return self.added(x, self.narrow(relu(self.wide(x))), self.wide_norm)
 
 
+class _Stack(nn.ModuleList):
+    """Layers, the first one first."""
+
+    def __iter__(self) -> Iterator[_Layer]:
+        return super().__iter__()  # type: ignore[return-value]
+
+
 class TransformerNetwork(nn.Module):
     """Encoder and decoder; see the module's docstring."""
 
@@ -229,8 +236,8 @@ class TransformerNetwork(nn.Module):
         self.config = c = config
         self.source_words = nn.Embedding(c.source_words, c.embedding_size, padding_idx=PADDING)
         self.target_words = nn.Embedding(c.target_words, c.embedding_size, padding_idx=PADDING)
-        self.encoder = nn.ModuleList(_Layer(c, crossed=False) for _ in range(c.layers))
-        self.decoder = nn.ModuleList(_Layer(c, crossed=True) for _ in range(c.layers))
+        self.encoder = _Stack(_Layer(c, crossed=False) for _ in range(c.layers))
+        self.decoder = _Stack(_Layer(c, crossed=True) for _ in range(c.layers))
         self.output = nn.Linear(c.embedding_size, c.target_words)
         self.fusion = nn.Linear(c.embedding_size, c.fusion_nodes)
         self.dropout = nn.Dropout(c.dropout)

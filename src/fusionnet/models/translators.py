@@ -8,7 +8,7 @@ from fusionnet.models import transformer, translator
 from fusionnet.models.checkpoint import checkpoint_kind
 from fusionnet.models.sentence_reader import SentenceReader
 
-KINDS = {
+KINDS: dict[str, type[translator.Translator] | type[transformer.Transformer]] = {
     translator.KIND: translator.Translator,
     transformer.KIND: transformer.Transformer,
 }
@@ -33,8 +33,7 @@ def load_translator(name: Path | str | None = None) -> SentenceReader:
         raise CheckpointError(
             f"The checkpoint {folder} holds a {kind!r}, expected one of: {', '.join(KINDS)}."
         )
-    read: SentenceReader = KINDS[kind].from_folder(folder)
-    return read
+    return KINDS[kind].from_folder(folder)
 
 
 def translator_folder(name: Path | str) -> Path:
