@@ -28,6 +28,7 @@ from fusionnet.errors import (
 from fusionnet.evaluation.translation import TranslationEvaluation, evaluate, measure
 from fusionnet.models.beam_search import beam_search
 from fusionnet.models.grounded_reading import grounded
+from fusionnet.models.lexicon import OFTEN, Lexicon
 from fusionnet.models.reading import Reading
 from fusionnet.models.translator import Translator
 from fusionnet.models.translator_network import (
@@ -476,6 +477,7 @@ def test_train_then_evaluate_from_a_folder(tmp_path):
             "exact_with_alignments",
             "exact_without_state",
             "layout_reached",
+            "refused",
             "word_accuracy",
         ):
             assert 0 <= measured[name] <= 1, name
@@ -493,7 +495,7 @@ def test_any_folder_in_the_treebank_s_form_is_measured_with_or_without_noise(tmp
     clean = evaluate(TranslationEvaluation(data=tmp_path, split="all", failures=12))
     names = (
         "n exact exact_with_planner exact_ignoring_ids exact_with_alignments layout_reached "
-        "word_accuracy cross_entropy sentences_per_second"
+        "refused word_accuracy cross_entropy sentences_per_second"
     )
     assert set(names.split()) <= set(clean)
     assert clean["n"] == 12 and clean["exact"] > 0.8 and "left_out" not in clean
@@ -526,6 +528,8 @@ def test_the_random_split_is_always_the_same_tenth(treebank):
     assert len(drawn) == 250 and len(rest) == 2250
     assert not {c.id for c in drawn} & {c.id for c in rest}
     assert random_numbers(treebank.commands[::-1]) == {c.id for c in drawn}
+    tune = {c.id for c in commands_of(treebank, ["tune"])}
+    assert len(tune) == 250 and tune < {c.id for c in rest}
     groups = {c.scene.group for c in drawn}
     assert len(groups) > 60  # whatever their group
 
@@ -561,6 +565,9 @@ def test_a_damaged_checkpoint_is_refused(learnt, tmp_path):
         ("vocabulary", ["a", "a"], "once"),
         ("vocabulary", ["a"], "another release"),
         ("symbols", ["a"], "another release"),
+        ("lexicon", 3, "lexicon is damaged"),
+        ("lexicon", {"says": {"a": [["b"]]}, "telling": [], "silent": []}, "lexicon is damaged"),
+        ("lexicon", {"says": {}, "telling": [], "silent": ["a"]}, "symbols that there are not"),
         ("network", {"colour": 3}, "does not fit"),
         ("network", {"words": -3}, "whole numbers"),
         ("network", "x", "does not fit"),
@@ -661,12 +668,58 @@ def test_slips_of_the_pen_are_read_through(shipped):
         ("go " * 300, "300 words"),
         ("pick up the parallelipipedoid", "did you mean 'parallelipiped'"),
         ("🟥 → 🟦", "no word"),
+        # one slip away from a known word, of which none says what was read
+        ("pick up the love", "'love'"),
+        ("place the red car on the blue block", "'car'"),
+        ("move the black pyramid on the red cube", "'black'"),
+        ("take the round ball", "'round'"),
+        ("place your bets", "'your'"),
+        # known words in no order
+        ("pick pick pick", "does not read as a command"),
+        ("corner move blue", "does not read as a command"),
+        ("place the green pyramid left", "no place for 'left'"),
+        ("put the cube cube cube cube cube cube cube cube", "no place for 'cube'"),
+        ("take the red cube, take the blue cube, then drop it", "does not read|no place"),
     ],
 )
 def test_what_is_no_command_is_refused_in_one_line(shipped, sentence, reason):
     with pytest.raises(NotUnderstoodError, match=reason) as raised:
         shipped.translate(sentence)
     assert "\n" not in str(raised.value) and str(raised.value).isprintable()
+
+
+@pytest.mark.parametrize(
+    "sentence",
+    [
+        "put down",
+        "pick up the red cube and place on the blue one",
+        "move teh red cbue to the lfet corner",
+        "shift the fuchsia brick five tiles ahead",
+        "pick the blue block up",
+        "grab the yellowpyramid",
+    ],
+)
+def test_commands_said_otherwise_than_in_the_corpus_are_not_refused(shipped, sentence):
+    assert shipped.translate(sentence)
+
+
+def test_a_lexicon_knows_what_words_say():
+    said = [(s.words, s.symbols, s.spans) for s in SENTENCES * OFTEN if "squares" not in s.words]
+    lexicon = Lexicon.of(said, [("color:magenta", ["rose", "the"])])
+    assert lexicon.supports(["cube"], "type:cube") and not lexicon.supports(["cube"], "color:red")
+    assert lexicon.supports(["the", "rose"], "color:magenta")
+    assert not lexicon.supports(["the"], "color:magenta")  # it says nothing wherever it stands
+    assert {"cube", "pink", "corner", "drop", "pick"} <= lexicon.telling
+    assert {"the", "on", "up", "near"}.isdisjoint(lexicon.telling)
+    assert lexicon.silent == frozenset()
+    assert Lexicon.from_json(json.loads(json.dumps(lexicon.as_json()))) == lexicon
+    assert lexicon.kept(["cube"]).says == {"cube": frozenset({"type:cube"})}
+
+
+def test_what_no_word_says_may_be_silent():
+    words, symbols = ("to", "left"), ("indicator:left", "type:region")
+    lexicon = Lexicon.of([(words, symbols, ((1, 1), None))])
+    assert lexicon.silent == {"type:region"} and not lexicon.telling  # met once only
 
 
 WORDS = st.sampled_from(

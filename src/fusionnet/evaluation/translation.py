@@ -15,7 +15,7 @@ import numpy as np
 
 from fusionnet.blocks import Layout, Move, Scene, apply
 from fusionnet.corpora import Command, load_corpus
-from fusionnet.errors import InputError, PlanningError
+from fusionnet.errors import InputError, NotUnderstoodError, PlanningError
 from fusionnet.models.grounded_reading import grounded
 from fusionnet.models.reading import Reading
 from fusionnet.models.sentence_reader import SentenceReader
@@ -63,6 +63,8 @@ def evaluate(config: TranslationEvaluation) -> dict[str, Any]:
         exact_with_alignments: `exact` where every leaf must also name the right words.
         exact_without_state: `exact` when the translator is not told whether the gripper
             holds a block.
+        refused: Share that the translator would not have taken for a command; the other
+            numbers take its reading all the same.
         layout_reached: Share whose executed tree leads to the recorded layout.
         word_accuracy: Share of right symbols, given the right ones before each.
         cross_entropy: Mean over all symbols, in nats, given the right ones before each.
@@ -108,6 +110,7 @@ def measure(
     seconds = time.perf_counter() - began
     stateless = _read(translator, commands, beam)
     rows = [_judge(c, r) for c, r in zip(commands, readings, strict=True)]
+    refused = [_refused(translator, c, r) for c, r in zip(commands, readings, strict=True)]
     exact_without_state = [
         bool(r) and r[0].tree == c.tree for c, r in zip(commands, stateless, strict=True)
     ]
@@ -131,6 +134,7 @@ def measure(
     return {
         "n": len(commands),
         **{name: float(np.mean([row[name] for row in rows])) for name in rows[0]},
+        "refused": float(np.mean(refused)),
         "exact_without_state": float(np.mean(exact_without_state)),
         "word_accuracy": accuracy,
         "cross_entropy": entropy,
@@ -148,6 +152,15 @@ def _read(
         said = [c.sentence for c in commands[start : start + size]]
         found += translator.read(said, [None] * len(said), beam=beam, count=1)
     return found
+
+
+def _refused(translator: SentenceReader, command: Command, readings: Sequence[Reading]) -> bool:
+    """Whether a person would have been told that the sentence was not understood."""
+    try:
+        translator.refuse(command.sentence, translator.readable(command.sentence), readings)
+    except NotUnderstoodError:
+        return True
+    return False
 
 
 def _judge(command: Command, readings: Sequence[Reading]) -> dict[str, bool]:

@@ -2,18 +2,21 @@
 
 A network always answers something. Before its answer counts, every leaf of the tree
 must rest on words that are known or nearly so, most of the sentence must be known,
-and the network must be reasonably sure.
+the network must be reasonably sure, and where it is known what words say, every leaf
+must rest on words that were seen to say it, and no telling word be left out.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from jaxtyping import Float
 
 from fusionnet.errors import NotUnderstoodError, TreeError
-from fusionnet.models.tree_symbols import symbols_of
-from fusionnet.rcl import Tree
+from fusionnet.models.lexicon import Lexicon
+from fusionnet.models.tree_symbols import ID, Symbol, symbols_of
+from fusionnet.rcl import Tree, Type
 from fusionnet.sentences import Vocabulary, Words, edits, shortened
 from fusionnet.sentences.phrases import VERBS
 
@@ -34,6 +37,8 @@ OTHER_MEANINGS = frozenset(
     "first second third fourth fifth last both every each either neither".split()
 )
 """Words that change what a sentence asks for; where one is not known, nothing was understood."""
+
+REFERENCE_TYPE = f"type:{Type.REFERENCE}"
 
 EXAMPLE = "put the red pyramid on the blue cube"
 
@@ -61,14 +66,19 @@ class Reading:
 
 
 def refuse_what_is_no_command(
-    sentence: str, words: Words, readings: Sequence[Reading], vocabulary: Vocabulary
+    sentence: str,
+    words: Words,
+    readings: Sequence[Reading],
+    vocabulary: Vocabulary,
+    lexicon: Lexicon | None = None,
 ) -> None:
     """Raise if a sentence was not understood.
 
     Raises:
         NotUnderstoodError: If too many words are unknown, if a part of the tree rests
-            on unknown words alone, if an action rests on no verb, if an unknown word is
-            one of those that change what is asked for, or if no reading is probable; the
+            on unknown words alone or on words that never said it, if an action rests on no
+            verb, if an unknown word is one of those that change what is asked for, if a
+            telling word has no part in the tree, or if no reading is probable; the
             message names the unknown words and the nearest known ones.
     """
     strange = strange_words(words, vocabulary)
@@ -96,6 +106,43 @@ def refuse_what_is_no_command(
         if symbol.tokens and all(token in unknown for token in symbol.tokens):
             told = {t: w for t, w in strange.items() if t in symbol.tokens}
             raise _not_understood(sentence, told, vocabulary)
+    if lexicon is not None:
+        _refuse_what_words_do_not_say(sentence, words, symbols, vocabulary, lexicon)
+
+
+def _refuse_what_words_do_not_say(
+    sentence: str,
+    words: Words,
+    symbols: Sequence[Symbol],
+    vocabulary: Vocabulary,
+    lexicon: Lexicon,
+) -> None:
+    """Raise if a leaf rests on words that never said it, or a telling word says nothing."""
+    pairs = list(zip(words.positions, words.texts, strict=True))
+    misspelt = {at: word for at, word in pairs if word not in vocabulary}
+    named = any(symbol.name == ID for symbol in symbols)
+    for symbol in symbols:
+        if not symbol.is_leaf:
+            continue
+        said = [(at, word) for at, word in pairs if at in symbol.tokens]
+        if not said:
+            unsaid = symbol.name not in lexicon.silent
+            if symbol.name == REFERENCE_TYPE:  # "put down", "pick the cube and place on the box"
+                unsaid = bool(misspelt) and not named
+            if unsaid:
+                raise _not_understood(sentence, misspelt, vocabulary)
+            continue
+        meanings = {known for _, word in said for known in meant(word, vocabulary)}
+        if not lexicon.supports(meanings, symbol.name):
+            told = {at: word for at, word in said if at in misspelt}
+            raise _not_understood(sentence, told, vocabulary)
+    covered = {at for symbol in symbols for at in symbol.tokens}
+    left = [word for at, word in pairs if at not in covered and word in lexicon.telling]
+    if left:
+        raise NotUnderstoodError(
+            f"I did not understand {shortened(sentence)}: I see no place for "
+            f"{', '.join(map(repr, dict.fromkeys(left[:4])))} in a command. Try {EXAMPLE!r}."
+        )
 
 
 def strange_words(words: Words, vocabulary: Vocabulary) -> dict[int, str]:
@@ -106,14 +153,28 @@ def strange_words(words: Words, vocabulary: Vocabulary) -> dict[int, str]:
 
 def recognisable(word: str, vocabulary: Vocabulary) -> bool:
     """Whether a word is known, nearly so, or two known words written as one."""
+    return bool(meant(word, vocabulary))
+
+
+@lru_cache(maxsize=4096)
+def meant(word: str, vocabulary: Vocabulary) -> frozenset[str]:
+    """The known words that a word may stand for: itself, its two halves, or a slip away."""
     if word in vocabulary:
-        return True
+        return frozenset((word,))
     if word in OTHER_MEANINGS or len(word) > LONGEST_SLIP:
-        return False
-    near = vocabulary.nearest(word)
-    if near is not None and len(word) > 2 and edits(word, near) <= (1 if len(word) < 8 else 2):
-        return True
-    return vocabulary.halves(word) is not None
+        return frozenset()
+    halves = vocabulary.halves(word)
+    if halves is not None:
+        return frozenset(halves)
+    most = 1 if len(word) < 8 else 2
+    return frozenset(
+        known
+        for known in vocabulary.words
+        if len(word) > 2
+        and known[0] != "<"  # not the gripper's states
+        and abs(len(known) - len(word)) <= most
+        and edits(word, known) <= most
+    )
 
 
 def _asks(word: str) -> bool:

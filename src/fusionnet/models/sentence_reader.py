@@ -15,6 +15,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from fusionnet.errors import InputError, NotUnderstoodError
+from fusionnet.models.lexicon import Lexicon
 from fusionnet.models.reading import Reading, refuse_what_is_no_command
 from fusionnet.rcl import Tree
 from fusionnet.sentences import Vocabulary, Words, readable_words
@@ -29,11 +30,15 @@ class SentenceReader(ABC):
     Args:
         network: The trained network.
         known: Words that count as known when a sentence may have to be refused.
+        lexicon: What these words say, if that was learnt.
     """
 
-    def __init__(self, network: torch.nn.Module, known: Vocabulary) -> None:
+    def __init__(
+        self, network: torch.nn.Module, known: Vocabulary, lexicon: Lexicon | None = None
+    ) -> None:
         self.network: Any = network.eval()
         self.known = known
+        self.lexicon = lexicon
         self._cached = functools.lru_cache(maxsize=256)(self._translate)
 
     @abstractmethod
@@ -134,7 +139,7 @@ class SentenceReader(ABC):
             read = self.read([said for said, _ in part], states, beam=beam, count=count)
             for (sentence, words), readings in zip(part, read, strict=True):
                 try:
-                    refuse_what_is_no_command(sentence, words, readings, self.known)
+                    self.refuse(sentence, words, readings)
                     found[sentence] = readings
                 except NotUnderstoodError as error:
                     found[sentence] = error
@@ -145,5 +150,13 @@ class SentenceReader(ABC):
     ) -> tuple[Reading, ...]:
         words = self.readable(sentence)
         [readings] = self.read([sentence], [holding], beam=beam, count=count)
-        refuse_what_is_no_command(sentence, words, readings, self.known)
+        self.refuse(sentence, words, readings)
         return readings
+
+    def refuse(self, sentence: str, words: Words, readings: Sequence[Reading]) -> None:
+        """Raise if what was read of a sentence does not count.
+
+        Raises:
+            NotUnderstoodError: See `refuse_what_is_no_command`.
+        """
+        refuse_what_is_no_command(sentence, words, readings, self.known, self.lexicon)

@@ -20,6 +20,7 @@ from torch.nn.functional import cross_entropy
 from fusionnet.errors import CheckpointError, TreeError
 from fusionnet.models.beam_search import Hypothesis, beam_search
 from fusionnet.models.checkpoint import load_checkpoint, restore, save_checkpoint
+from fusionnet.models.lexicon import Lexicon
 from fusionnet.models.reading import Reading
 from fusionnet.models.sentence_reader import SentenceReader
 from fusionnet.models.translator_network import (
@@ -51,16 +52,22 @@ class Translator(SentenceReader):
     Args:
         network: The trained network.
         vocabulary: The words that it was trained with.
+        lexicon: What these words say; without it fewer sentences are refused.
     """
 
-    def __init__(self, network: TranslatorNetwork, vocabulary: Vocabulary) -> None:
+    def __init__(
+        self,
+        network: TranslatorNetwork,
+        vocabulary: Vocabulary,
+        lexicon: Lexicon | None = None,
+    ) -> None:
         sizes = (network.config.words, network.config.symbols)
         if sizes != (len(vocabulary), len(SYMBOLS)):
             raise CheckpointError(
                 f"The translator's network has {sizes[0]} words and {sizes[1]} symbols, its "
                 f"vocabulary {len(vocabulary)} and {len(SYMBOLS)}; it belongs to another release."
             )
-        super().__init__(network, vocabulary)
+        super().__init__(network, vocabulary, lexicon)
         self.network: TranslatorNetwork
         self.vocabulary = vocabulary
 
@@ -86,7 +93,9 @@ class Translator(SentenceReader):
             raise CheckpointError(f"The checkpoint {folder} is damaged: {error}.") from error
         network = TranslatorNetwork(network_config(checkpoint.config.get("network")))
         restore(network, checkpoint.tensors, folder)
-        return cls(network, vocabulary)
+        learnt = checkpoint.config.get("lexicon")
+        lexicon = None if learnt is None else Lexicon.from_json(learnt)
+        return cls(network, vocabulary, lexicon)
 
     def save(self, folder: Path, *, metadata: dict[str, Any], half: bool = False) -> None:
         """Write the checkpoint that `from_folder` reads.
@@ -94,11 +103,13 @@ class Translator(SentenceReader):
         Raises:
             OutputError: If the folder cannot be written.
         """
-        config = {
+        config: dict[str, Any] = {
             "network": asdict(self.network.config),
             "vocabulary": list(self.vocabulary.words),
             "symbols": list(SYMBOLS),
         }
+        if self.lexicon is not None:
+            config["lexicon"] = self.lexicon.as_json()
         tensors = self.network.state_dict()
         save_checkpoint(
             folder, kind=KIND, config=config, tensors=tensors, metadata=metadata, half=half

@@ -21,6 +21,7 @@ from torch.nn.functional import cross_entropy
 
 from fusionnet.corpora import Command, load_corpus, synthetic
 from fusionnet.errors import DataError
+from fusionnet.models.lexicon import Lexicon
 from fusionnet.models.sentence_reader import SentenceReader
 from fusionnet.models.translator import Translator
 from fusionnet.models.translator_network import (
@@ -143,7 +144,7 @@ def train(config: TranslatorConfig, *, progress: Progress | None = None) -> dict
         folder=config.work,
         progress=progress,
     )
-    translator = Translator(network, vocabulary)
+    translator = Translator(network, vocabulary, lexicon_of([*sentences, *invented], vocabulary))
     metrics = {
         "sentences": len(sentences),
         "invented": len(invented),
@@ -166,6 +167,21 @@ def vocabulary_of(sentences: Sequence[AlignedSentence], least: int = 2) -> Vocab
     ours += [phrase.split() for known in SYNONYMS.values() for phrase in known]
     ours += [[*STATES, *NUMBER_WORDS]]
     return Vocabulary.of([*(s.words for s in sentences), *ours, *ours], least)
+
+
+def lexicon_of(sentences: Sequence[AlignedSentence], vocabulary: Vocabulary) -> Lexicon:
+    """What the vocabulary's words say, in sentences and in our own phrases."""
+    phrases = [
+        (f"color:{color}", phrase.split())
+        for color, (known, _) in COLOR_PHRASES.items()
+        for phrase in known
+    ]
+    phrases += [(name, p.split()) for name, known in SYNONYMS.items() for p in known]
+    phrases += [
+        (f"cardinal:{number}", [word]) for number, word in enumerate(NUMBER_WORDS) if number
+    ]
+    learnt = Lexicon.of(((s.words, s.symbols, s.spans) for s in sentences), phrases)
+    return learnt.kept(vocabulary.words)
 
 
 def new_network(words: int, seed: int) -> TranslatorNetwork:
