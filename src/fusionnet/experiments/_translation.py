@@ -10,15 +10,9 @@ from fusionnet.corpora import Command
 from fusionnet.experiments._experiment import Outcome, Scale, Trial
 from fusionnet.experiments._sources import corpus_for
 from fusionnet.models.transformer import Transformer
-from fusionnet.training.loop import LogLine, LoopConfig, fit
+from fusionnet.training.loop import LoopConfig
 from fusionnet.training.schedules import ScheduleConfig
-from fusionnet.training.transformer import (
-    ThesisTranslatorConfig,
-    batches,
-    new_transformer,
-    thesis_loop,
-    transformer_losses,
-)
+from fusionnet.training.transformer import ThesisTranslatorConfig, learn, thesis_loop
 
 SMALL_RATE = 5e-3
 """Peak of the one-cycle at the smaller scales: 4000 steps of warm-up would never end there."""
@@ -58,19 +52,9 @@ def trained(
     commands: Sequence[Command] = corpus.split("train")
     if learnt:
         commands = commands[:: max(1, len(commands) // learnt)][:learnt]
-    translator, pairs = new_transformer(commands, config)
-    rate = config.loop.learning_rate
-    if trial.scale == "thesis":
-        rate *= translator.network.config.model_size**-0.5
-    history: list[LogLine] = fit(
-        translator.network,
-        lambda first: batches(pairs, translator, config, first),
-        transformer_losses,
-        replace(config.loop, learning_rate=rate),
-        folder=trial.state,
-        progress=trial.progress,
+    translator, pairs, history = learn(
+        commands, config, folder=trial.state, progress=trial.progress
     )
-    translator.network.cpu()
     checked = corpus.split("val")
     accuracy, entropy = translator.teacher_forced(
         [command.sentence for command in checked],
@@ -85,7 +69,7 @@ def trained(
             "learning_rate": config.loop.learning_rate,
             "corpus": corpus.name,
             "commands": len(commands),
-            "pairs": len(pairs),
+            "pairs": pairs,
             "measured": len(checked),
             "parameters": sum(p.numel() for p in translator.network.parameters()),
         },

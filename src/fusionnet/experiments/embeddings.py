@@ -7,8 +7,6 @@ and trees by skip-gram or CBOW (tables 5.2 and 5.3).
 from dataclasses import asdict, replace
 from typing import Any
 
-import torch
-
 from fusionnet.experiments._experiment import (
     Claim,
     Experiment,
@@ -19,17 +17,8 @@ from fusionnet.experiments._experiment import (
     Trial,
     Variant,
 )
-from fusionnet.experiments._sources import corpus_for
-from fusionnet.training.loop import LoopConfig, fit
-from fusionnet.training.schedules import ScheduleConfig
-from fusionnet.training.transformer import (
-    VECTORS,
-    ThesisTranslatorConfig,
-    batches,
-    new_transformer,
-    thesis_loop,
-    transformer_losses,
-)
+from fusionnet.experiments._translation import trained
+from fusionnet.training.transformer import VECTORS
 
 KINDS = {"cbow": "Word2vec CBOW", "random": "random, He", "skip-gram": "Word2vec skip-gram"}
 SIZES: dict[Scale, tuple[int, ...]] = {
@@ -41,9 +30,6 @@ STEPS: dict[Scale, int] = {"smoke": 3, "small": 150, "thesis": 16_000}
 BATCH: dict[Scale, int] = {"smoke": 8, "small": 16, "thesis": 60}
 LAYERS: dict[Scale, int] = {"smoke": 1, "small": 2, "thesis": 4}
 VECTOR_EPOCHS: dict[Scale, int] = {"smoke": 2, "small": 10, "thesis": 200}
-
-SMALL_RATE = 5e-3
-"""Peak of the one-cycle at the smaller scales: 4000 steps of warm-up would never end there."""
 
 TABLE_5_1 = {"batch": 60, "dropout": 0.1, "heads": 2, "attention_size": 12}
 TABLE_5_1 |= {"feed_forward_size": 128, "longest": 200}
@@ -68,69 +54,16 @@ def variants(scale: Scale) -> list[Variant]:
     ]
 
 
-def loop_of(scale: Scale, seed: int) -> LoopConfig:
-    """The thesis's optimiser; its schedule only where there are steps enough for it."""
-    loop = replace(thesis_loop(), steps=STEPS[scale], seed=seed, tensorboard=False)
-    if scale == "thesis":
-        return loop
-    return replace(
-        loop,
-        learning_rate=SMALL_RATE,
-        schedule=ScheduleConfig(kind="one-cycle"),
-        accelerator="cpu",
-        log_every=max(1, STEPS[scale] // 20),
-        save_every=50,
-    )
-
-
 def run(trial: Trial) -> Outcome:
     """Train a Transformer from its embeddings, and measure it on the validation groups."""
-    torch.set_num_threads(1)
     scale = trial.scale
-    corpus = corpus_for(trial)
+    kind, size = trial.variant.values["kind"], trial.variant.values["size"]
     sizes: dict[str, Any] = {**TABLE_5_1, "batch": BATCH[scale], "layers": LAYERS[scale]}
-    config = ThesisTranslatorConfig(
-        embeddings=trial.variant.values["kind"],
-        embedding_size=trial.variant.values["size"],
-        vector_epochs=VECTOR_EPOCHS[scale],
-        loop=loop_of(scale, trial.seed),
-        seed=trial.seed,
-        **sizes,
-    )
-    translator, pairs = new_transformer(corpus.split("train"), config)
-    rate = config.loop.learning_rate
-    if scale == "thesis":
-        rate *= translator.network.config.model_size**-0.5
-    history = fit(
-        translator.network,
-        lambda first: batches(pairs, translator, config, first),
-        transformer_losses,
-        replace(config.loop, learning_rate=rate),
-        folder=trial.state,
-        progress=trial.progress,
-    )
-    checked = corpus.split("val")
-    translator.network.cpu()
-    accuracy, entropy = translator.teacher_forced(
-        [command.sentence for command in checked],
-        [None] * len(checked),
-        [command.tree for command in checked],
-    )
-    kind = trial.variant.values["kind"]
-    vectors = asdict(VECTORS[kind]()) | {"epochs": config.vector_epochs} if kind in VECTORS else {}
-    return Outcome(
-        metrics={"cross_entropy": entropy, "token_accuracy": accuracy},
-        configuration={
-            **sizes,
-            "steps": config.loop.steps,
-            "learning_rate": config.loop.learning_rate,
-            "word_vectors": vectors | ({"size": config.embedding_size} if vectors else {}),
-            "corpus": corpus.name,
-            "pairs": len(pairs),
-            "measured": len(checked),
-        },
-        curves={n: [float(line[n]) for line in history] for n in ("step", "tokens")},
-    )
+    sizes |= {"embeddings": kind, "embedding_size": size, "vector_epochs": VECTOR_EPOCHS[scale]}
+    outcome = trained(trial, sizes, STEPS[scale])[2]
+    vectors = asdict(VECTORS[kind]()) | {"epochs": VECTOR_EPOCHS[scale]} if kind in VECTORS else {}
+    said = {"word_vectors": vectors | ({"size": size} if vectors else {})}
+    return replace(outcome, configuration={**outcome.configuration, **said})
 
 
 def _better(size: int, than: int) -> list[Claim]:

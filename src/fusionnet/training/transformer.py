@@ -25,16 +25,13 @@ from fusionnet.randomness import derived_seed, generator
 from fusionnet.rcl import format
 from fusionnet.sentences import PADDING, Vocabulary, tokenize, variants, words_of
 from fusionnet.sentences.word_vectors import cbow, skip_gram, train_word_vectors
-from fusionnet.training.loop import LoopConfig, Progress, fit
+from fusionnet.training.loop import LogLine, LoopConfig, Progress, fit
 from fusionnet.training.optimizers import OptimizerConfig
 from fusionnet.training.schedules import ScheduleConfig
 from fusionnet.training.splits import Split, commands_of
 
 Embeddings = Literal["random", "skip-gram", "cbow"]
 VECTORS = {"skip-gram": skip_gram, "cbow": cbow}
-
-UNUSED_RATE = 1.0
-"""Stands for a learning rate that `d_model` gives (equation 4.1)."""
 
 
 def thesis_loop() -> LoopConfig:
@@ -44,7 +41,7 @@ def thesis_loop() -> LoopConfig:
     """
     return LoopConfig(
         steps=32_000,
-        learning_rate=UNUSED_RATE,
+        learning_rate=1.0,  # times what d_model gives (equation 4.1)
         schedule=ScheduleConfig(kind="inverse-root", warm_up_steps=4000),
         optimizer=OptimizerConfig(
             kind="adam", weight_decay=0.0, beta_1=0.9, beta_2=0.98, epsilon=1e-9
@@ -82,7 +79,8 @@ class ThesisTranslatorConfig:
         dropout: P_drop.
         batch: Sentences a step.
         least: How often a source token must occur to be known.
-        loop: Steps, optimiser and schedule; the learning rate is a factor of equation 4.1.
+        loop: Steps, optimiser and schedule; with an inverse root the learning rate is a factor
+            of equation 4.1.
         half: Whether the checkpoint stores 16 bits a number.
         seed: Source of all randomness.
     """
@@ -152,18 +150,8 @@ def train(config: ThesisTranslatorConfig, *, progress: Progress | None = None) -
     checked = commands_of(corpus, config.check)
     kept_apart = {command.id for command in checked}
     learnt = [c for c in commands_of(corpus, config.learn) if c.id not in kept_apart]
-    translator, pairs = new_transformer(learnt, config)
-    rate = config.loop.learning_rate * translator.network.config.model_size**-0.5
-    history = fit(
-        translator.network,
-        lambda first: batches(pairs, translator, config, first),
-        transformer_losses,
-        replace(config.loop, learning_rate=rate, seed=config.seed),
-        folder=config.work,
-        progress=progress,
-    )
-    translator.network.cpu()
-    metrics: dict[str, Any] = {"commands": len(learnt), "pairs": len(pairs)}
+    translator, pairs, history = learn(learnt, config, folder=config.work, progress=progress)
+    metrics: dict[str, Any] = {"commands": len(learnt), "pairs": pairs}
     metrics |= measure(translator, checked) if checked else {}
     metrics["loss"] = history[-1]["loss"] if history else None
     metrics["parameters"] = sum(p.numel() for p in translator.network.parameters())
@@ -172,6 +160,40 @@ def train(config: ThesisTranslatorConfig, *, progress: Progress | None = None) -
         config.out, metadata={"training": described, "metrics": metrics}, half=config.half
     )
     return metrics
+
+
+def learn(
+    commands: Sequence[Command],
+    config: ThesisTranslatorConfig,
+    *,
+    folder: Path | None = None,
+    progress: Progress | None = None,
+) -> tuple[Transformer, int, list[LogLine]]:
+    """A Transformer trained on some commands, from how many pairs, and the lines of its log.
+
+    Args:
+        commands: What to learn from.
+        config: How.
+        folder: Where the log and the resumable state go.
+        progress: Called after every step.
+
+    Raises:
+        DataError: If no command is short enough.
+    """
+    translator, pairs = new_transformer(commands, config)
+    rate = config.loop.learning_rate
+    if config.loop.schedule.kind == "inverse-root":
+        rate *= translator.network.config.model_size**-0.5
+    history = fit(
+        translator.network,
+        lambda first: batches(pairs, translator, config, first),
+        transformer_losses,
+        replace(config.loop, learning_rate=rate, seed=config.seed),
+        folder=folder,
+        progress=progress,
+    )
+    translator.network.cpu()
+    return translator, len(pairs), history
 
 
 def new_transformer(
