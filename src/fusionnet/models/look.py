@@ -46,8 +46,9 @@ def look(model: RetinaNet, image: UInt8[np.ndarray, "h w 3"]) -> Look:
     eye = cv2.resize(whole, model.frame.eye_size, interpolation=cv2.INTER_AREA)
     sight = model.see(eye)
     scale = np.array([whole.shape[1], whole.shape[0]]) / model.frame.eye_size
-    boxes = _within(sight.boxes, scale, (image.shape[1], image.shape[0]))
     board = board_evidence(eye, sight.corners)
+    found = sight.boxes if board >= BOARD_SEEN else sight.detected
+    boxes = _within(found, scale, (image.shape[1], image.shape[0]))
     if board < BOARD_SEEN:
         return Look(boxes=boxes, board=board)
     layout = likely_layout(sight.cells, sight.holding)

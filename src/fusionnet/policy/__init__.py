@@ -1,12 +1,13 @@
 """Policies: checkpoint; image and sentence to joint angles, and the evidence for them."""
 
-from fusionnet.policy._answer import Answer, Detection, Pose
+from fusionnet.policy._answer import LEAST_SCORE, Answer, Detection, Pose
 from fusionnet.policy._check import FARTHEST, disagreement
 from fusionnet.policy._eyes import both_seen
 from fusionnet.policy._policy import SHIPPED, Kind, Policy, load_policy, weights_folder
 
 __all__ = [
     "FARTHEST",
+    "LEAST_SCORE",
     "SHIPPED",
     "Answer",
     "Detection",
