@@ -116,7 +116,7 @@ def test_boxes_are_in_pixels_of_pictures_of_any_size(eye, model, shape):
     if shape in ((270, 480), (1080, 1920)):
         wanted = look(model, eye["blocks"]).boxes.xyxy.numpy() * shape[1] / 960
         surest = seen.boxes.xyxy[: len(wanted)].numpy()
-        assert np.abs(np.sort(surest[:3], 0) - np.sort(wanted[:3], 0)).max() < 0.01 * shape[1]
+        assert np.abs(np.sort(surest[:3], 0) - np.sort(wanted[:3], 0)).max() < 0.015 * shape[1]
         assert seen.layout is not None and len(seen.layout.blocks) == 3
 
 

@@ -144,6 +144,15 @@ def test_a_detector_starts_from_another(tmp_path, model):
     torch.testing.assert_close(found["occupancy"][0], wanted["occupancy"][0])
 
 
+def test_pictures_without_blocks_are_learnt_from(stored):
+    pictures = StoredPictures(stored, "train")
+    first = [next(batches(pictures, 4, 0, 0, empty=2)) for _ in range(2)]
+    torch.testing.assert_close(first[0].images, first[1].images)
+    assert len(first[0].images) == 6 and len(first[0].cells) <= 4
+    assert [len(boxes.xyxy) for boxes in first[0].boxes[-2:]] == [0, 0]
+    assert len({int(image.sum()) for image in first[0].images}) == 6
+
+
 def test_nothing_to_learn_from_is_refused():
     with pytest.raises(InputError, match="At least one data set"):
         DetectorConfig(datasets=())

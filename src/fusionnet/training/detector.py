@@ -28,6 +28,7 @@ from fusionnet.models.heads.camera_pose import PARAMETERS
 from fusionnet.models.retinanet import KIND, Batch, RetinaNet
 from fusionnet.randomness import derived_seed, generator
 from fusionnet.simulation import SceneRenderer
+from fusionnet.training.empty_pictures import empty_picture
 from fusionnet.training.loop import LoopConfig, Progress, fit
 
 log = logging.getLogger(__name__)
@@ -51,6 +52,7 @@ class DetectorConfig:
         work: Folder for everything that is not the checkpoint.
         start: Folder of a detector whose weights are taken over where names and shapes agree.
         batch: Pictures a step.
+        empty: Pictures without blocks in each step besides, drawn while training.
         loop: Steps and schedule.
         seed: Source of all randomness.
     """
@@ -60,6 +62,7 @@ class DetectorConfig:
     work: Path = Path("runs/detector")
     start: Path | None = None
     batch: int = 16
+    empty: int = 1
     loop: LoopConfig = field(
         default_factory=lambda: LoopConfig(
             steps=2600,
@@ -73,10 +76,11 @@ class DetectorConfig:
 
     def __post_init__(self) -> None:
         """Refuse what cannot train."""
-        if not self.datasets or self.batch < 1:
+        if not self.datasets or self.batch < 1 or self.empty < 0:
             raise InputError(
-                "At least one data set (fusionnet dataset build) and a batch of at least 1 "
-                f"are needed; received {len(self.datasets)} and {self.batch}."
+                "At least one data set (fusionnet dataset build), a batch of at least 1 and "
+                f"empty of at least 0 are needed; received {len(self.datasets)} data sets, "
+                f"{self.batch} and {self.empty}."
             )
 
 
@@ -120,7 +124,7 @@ def train(config: DetectorConfig, *, progress: Progress | None = None) -> dict[s
         start_from(model, config.start)
     fit(
         model,
-        lambda first: batches(pictures, config.batch, config.seed, first),
+        lambda first: batches(pictures, config.batch, config.seed, first, config.empty),
         lambda wrapped, batch: detector_losses(wrapped, model, batch),
         config.loop,
         folder=config.work,
@@ -195,8 +199,18 @@ def _stacked(arrays: Sequence[np.ndarray], shape: tuple[int, ...]) -> torch.Tens
     return torch.from_numpy(np.array(arrays).reshape(-1, *shape))
 
 
-def batches(pictures: AnyPictures, size: int, seed: int, first: int) -> Iterator[Batch]:
-    """Endless shuffled batches from step `first` on; the same for a resumed run."""
+def batches(
+    pictures: AnyPictures, size: int, seed: int, first: int, empty: int = 0
+) -> Iterator[Batch]:
+    """Endless shuffled batches from step `first` on; the same for a resumed run.
+
+    Args:
+        pictures: To learn from.
+        size: How many of them a step.
+        seed: Of order and variation.
+        first: Step to begin with.
+        empty: Pictures without blocks that each batch gets besides.
+    """
     size = min(size, len(pictures))
     a_epoch = len(pictures) // size
     step = first
@@ -206,6 +220,8 @@ def batches(pictures: AnyPictures, size: int, seed: int, first: int) -> Iterator
         for start in range(row * size, a_epoch * size, size):
             rng = generator(seed, "augment", step)
             chosen = [pictures[int(i)] for i in order[start : start + size]]
+            shape = (chosen[0][0].shape[1], chosen[0][0].shape[0])
+            chosen += [empty_picture(rng, shape) for _ in range(empty)]
             yield collate([(_vary(image, rng), labels) for image, labels in chosen], rng)
             step += 1
 
