@@ -3,7 +3,7 @@ import torch
 
 from fusionnet.errors import InputError
 from fusionnet.training import weightings
-from fusionnet.training.conflict import gradient_cosines
+from fusionnet.training.conflict import gradient_cosines, shared_parameters
 from fusionnet.training.loop import LoopConfig, fit
 
 NAMES = ("first", "second")
@@ -106,3 +106,18 @@ def test_cosines_tell_conflict_from_agreement():
     assert set(cosines) == {("first", "second"), ("first", "third"), ("second", "third")}
     assert cosines["first", "third"] == pytest.approx(-1.0)
     assert 0 < cosines["first", "second"] < 1
+
+
+def test_only_what_both_losses_reach_counts():
+    one, other, third = (torch.nn.Parameter(torch.tensor([1.0, 0.0])) for _ in range(3))
+    losses = {
+        "a": one.sum() + 100 * other.sum(),
+        "b": (one * torch.tensor([1.0, -1.0])).sum() + 100 * third.sum(),
+        "c": third.sum(),
+    }
+    cosines = gradient_cosines(losses, [one, other, third])
+    assert set(cosines) == {("a", "b"), ("b", "c")}
+    assert cosines["a", "b"] == pytest.approx(0.0)  # the two large apart gradients do not count
+    assert cosines["b", "c"] == pytest.approx(1.0)
+    counts = shared_parameters(losses, [one, other, third])
+    assert counts == {("a", "b"): 2, ("a", "c"): 0, ("b", "c"): 2}

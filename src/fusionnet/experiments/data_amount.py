@@ -28,9 +28,9 @@ SIZES: dict[Scale, tuple[int, ...]] = {
     "small": (30, 250, 2000),
     "thesis": (30, 60, 125, 250, 500, 1000, 2000),
 }
-STEPS: dict[Scale, int] = {"smoke": 3, "small": 120, "thesis": 2000}
-BATCH: dict[Scale, int] = {"smoke": 4, "small": 64, "thesis": 64}
-EPISODES: dict[Scale, int] = {"smoke": 2, "small": 50, "thesis": 229}
+STEPS: dict[Scale, int] = {"smoke": 3, "small": 60, "thesis": 2000}
+BATCH: dict[Scale, int] = {"smoke": 4, "small": 16, "thesis": 64}
+EPISODES: dict[Scale, int] = {"smoke": 2, "small": 20, "thesis": 229}
 
 
 def variants(scale: Scale) -> list[Variant]:
@@ -74,7 +74,7 @@ EXPERIMENT = Experiment(
     setup="The thesis has no such experiment; it learns from all commands of the ETR data.",
     differs={
         "smoke": "Commands of our own, 3 steps, 2 episodes: it shows only that it runs.",
-        "small": "The compact FusionNet (tree executor), 120 steps of 64 examples, 50 episodes "
+        "small": "The compact FusionNet (tree executor), 60 steps of 16 examples, 20 episodes "
         "on the test groups with gold trees and simulated readings.",
         "thesis": "The compact FusionNet, 2000 steps as the shipped one, every test command.",
     },

@@ -25,9 +25,9 @@ from fusionnet.experiments._sources import corpus_for
 from fusionnet.randomness import generator
 from fusionnet.training.fusion import LOSS_WEIGHTS, cells_right
 
-STEPS: dict[Scale, int] = {"smoke": 2, "small": 60, "thesis": 2000}
-BATCH: dict[Scale, int] = {"smoke": 4, "small": 32, "thesis": 64}
-EPISODES: dict[Scale, int] = {"smoke": 1, "small": 40, "thesis": 229}
+STEPS: dict[Scale, int] = {"smoke": 2, "small": 40, "thesis": 2000}
+BATCH: dict[Scale, int] = {"smoke": 4, "small": 16, "thesis": 64}
+EPISODES: dict[Scale, int] = {"smoke": 1, "small": 20, "thesis": 229}
 
 PRIMARY = "joints"
 """What `primary` follows first: the arm's values, as the thesis's main objective."""
@@ -105,7 +105,7 @@ EXPERIMENT = Experiment(
     "uncertainty as future work (7.5).",
     differs={
         "smoke": "Commands of our own, 2 steps, one episode: it shows only that it runs.",
-        "small": "The compact FusionNet (tree executor), 60 steps of 32 examples for each, 40 "
+        "small": "The compact FusionNet (tree executor), 40 steps of 16 examples for each, 20 "
         "episodes on the test groups with gold trees and simulated readings.",
         "thesis": "The compact FusionNet, 2000 steps of 64 examples, every test command.",
     },

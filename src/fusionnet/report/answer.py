@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 
 from fusionnet.report.chapters import Chapter
-from fusionnet.report.reading import verdict_sentence
 
 QUESTION = "Do intermediate representations increase performance in a multimodal neural network?"
 
@@ -30,5 +29,15 @@ def answer_words(chapters: Sequence[Chapter]) -> str:
     chapter = answer_chapter(chapters)
     if chapter is None:
         return f"{QUESTION} The ablation has not been run here yet, so there is no answer yet."
-    claims = [f"{j.claim.says} {verdict_sentence(j)}." for j in chapter.judgements]
-    return f"{QUESTION} At the {chapter.scale} scale: {' '.join(claims)}"
+    said = []
+    for verdict, words in (
+        ("agrees", "Borne out: "),
+        ("differs", "The opposite is borne out: "),
+        ("cannot tell", "Cannot be told: "),
+        ("not run", "Not run: "),
+    ):
+        claims = [j.claim.says for j in chapter.judgements if j.verdict == verdict]
+        if claims:
+            said.append(words + " ".join(claims))
+    seeds = "one seed" if chapter.seeds == 1 else f"up to {chapter.seeds} seeds"
+    return f"{QUESTION} At the {chapter.scale} scale, over {seeds}. {' '.join(said)}"

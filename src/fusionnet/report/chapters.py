@@ -64,14 +64,20 @@ class Chapter:
     def variants(self) -> dict[str, Variant]:
         """All variants by name: those of the thesis's scale, and those that were run."""
         found = {v.name: v for v in self.experiment.variants("thesis")}
-        return found | {s.variant.name: s.variant for s in self.summaries}
+        found |= {s.variant.name: s.variant for s in self.summaries}
+        return found | {r.variant.name: r.variant for r in self.records}
+
+    def variants_with(self, metrics: Sequence[str]) -> list[Variant]:
+        """The variants that have any of some metrics, in the experiment's order."""
+        ran = {r.variant.name for r in self.records if set(metrics) & r.metrics.keys()}
+        return [variant for name, variant in self.variants.items() if name in ran]
 
     def summaries_of(self, metric: str = "") -> list[Summary]:
         """The runs' summaries of any metric, in the same order of variants."""
         if metric in ("", self.experiment.metric):
             return list(self.summaries)
         by_name = {s.variant.name: s for s in summaries(self.records, metric)}
-        return [by_name[s.variant.name] for s in self.summaries if s.variant.name in by_name]
+        return [by_name[name] for name in self.variants if name in by_name]
 
 
 def gather(results: Path, scales: Sequence[Scale] = SCALES) -> list[Chapter]:

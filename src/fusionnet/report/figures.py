@@ -44,24 +44,37 @@ def draw(chapter: Chapter, figure: Figure) -> str:
 def draw_answer(chapter: Chapter, metrics: Sequence[tuple[str, str]]) -> str:
     """Several metrics of one chapter side by side, a row a variant: the report's first figure.
 
+    Each network of the ablation (the value `network` of its variants) has its own row of panels.
+
     Args:
         chapter: Of the ablation.
         metrics: Names of metrics with the labels of their axes.
     """
     shown = [(summaries(chapter.records, name), label) for name, label in metrics]
     shown = [(found, label) for found, label in shown if found]
-    order = [s.variant.name for s in chapter.summaries]
-    canvas = Canvas(figsize=(9.5, 0.9 + 0.36 * len(order)), layout="constrained")
-    for column, (found, label) in enumerate(shown):
-        axes = canvas.add_subplot(1, len(shown), column + 1)
-        by_name = {s.variant.name: s for s in found}
-        rows = [by_name[name] for name in order if name in by_name]
-        _rows(axes, [s.variant for s in rows])
-        _bars_of_ours(axes, rows, range(len(rows)), COLORS[column])
-        if column:
-            axes.set_yticklabels([])
-        axes.set_xlabel(label)
-        bare(axes)
+    groups: dict[str, list[str]] = defaultdict(list)
+    for variant in chapter.variants_with([name for name, _ in metrics]):
+        groups[str(variant.values.get("network", ""))].append(variant.name)
+    groups = dict(sorted(groups.items(), key=lambda group: len(group[1])))
+    heights = [len(names) + 2.5 for names in groups.values()]
+    canvas = Canvas(figsize=(9.5, 0.27 * sum(heights)), layout="constrained")
+    grid = canvas.subplots(
+        len(groups), len(shown), squeeze=False, gridspec_kw={"height_ratios": heights}
+    )
+    for (network, names), panels in zip(groups.items(), grid, strict=True):
+        for column, (axes, (found, label)) in enumerate(zip(panels, shown, strict=True)):
+            by_name = {s.variant.name: s for s in found}
+            rows = [by_name[name] for name in names if name in by_name]
+            places = [names.index(s.variant.name) for s in rows]
+            _rows(axes, [chapter.variants[name] for name in names])
+            _bars_of_ours(axes, rows, places, COLORS[column])
+            axes.tick_params(axis="y", labelsize=8)
+            if column:
+                axes.set_yticklabels([])
+            else:
+                axes.set_title(f"network: {network}" if network else "", fontsize=9, loc="left")
+            axes.set_xlabel(label, fontsize=9)
+            bare(axes)
     return svg(canvas)
 
 
