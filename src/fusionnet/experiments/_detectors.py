@@ -1,17 +1,24 @@
 """Detectors of the thesis's structure as the experiments 6.2 and 6.3 train them, at three sizes."""
 
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import torch
+from safetensors.torch import save
 
 from fusionnet.experiments._experiment import Outcome, Scale, Trial
 from fusionnet.experiments._vision import CHECKED, pictures_for
+from fusionnet.files import write_whole
 from fusionnet.models.anchors import AnchorShapes
 from fusionnet.models.detectors import THESIS_FRAME
+from fusionnet.models.retinanet import RetinaNet
+from fusionnet.policy import weights_folder
 from fusionnet.training.loop import LoopConfig
 from fusionnet.training.optimizers import OptimizerConfig
 from fusionnet.training.thesis_detector import ThesisDetectorConfig, thesis_loop, train
+
+COMPACT = "compact"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -62,12 +69,15 @@ def trained(
         trial: With its seed; a killed one goes on from its state.
         size: How large.
         backbone: Name in `models.backbones`.
-        weights: What the backbone begins with.
+        weights: What the backbone begins with; `COMPACT` is what the shipped detector's learnt.
         anchors: For pictures of 990 x 540; scaled to the input.
     """
     if trial.scale != "thesis":
         torch.set_num_threads(1)
-    folder = pictures_for(trial, size.train, size.checked, size.stored)
+    views = "rooms" if trial.scale == "thesis" else None
+    folder = pictures_for(trial, size.train, size.checked, size.stored, views=views)
+    if weights == COMPACT:
+        weights = str(_compact_backbone(trial.work))
     scale = size.input[0] / THESIS_FRAME.input_size[0]
     config = ThesisDetectorConfig(
         dataset=folder,
@@ -120,3 +130,10 @@ def trained(
         curves={name: [float(line[name]) for line in lines] for name in ("step", "class", "box")},
         details={"classes": classes},
     )
+
+
+def _compact_backbone(work: Path) -> Path:
+    """The backbone of the shipped detector in a file of its own."""
+    shipped = RetinaNet.from_folder(weights_folder("compact") / "detector")
+    write_whole(work / "compact-backbone.safetensors", save(shipped.backbone.state_dict()))
+    return work / "compact-backbone.safetensors"

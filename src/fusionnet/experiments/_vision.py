@@ -7,8 +7,9 @@ from pathlib import Path
 
 from fusionnet.corpora import synthetic, treebank_files
 from fusionnet.dataset.build import build, plan_for
+from fusionnet.dataset.plan import SPLITS
 from fusionnet.dataset.sources import Sources
-from fusionnet.experiments._experiment import Scale, Trial
+from fusionnet.experiments._experiment import Trial
 from fusionnet.experiments._locks import Lock
 from fusionnet.experiments._sources import corpus_for
 from fusionnet.files import write_whole
@@ -23,40 +24,47 @@ CHECKED = "sim_val"
 """Split that is measured: layouts of validation groups through the robot's eye, in other looks."""
 
 
-def pictures_for(trial: Trial, train: int, checked: int, size: tuple[int, int]) -> Path:
-    """A data set through the robot's eye; at the thesis's scale in environmental views as well.
+def pictures_for(
+    trial: Trial, train: int, checked: int, size: tuple[int, int], *, views: str | None = None
+) -> Path:
+    """A data set through the robot's eye, or in environmental views.
 
     Args:
         trial: Whose scale and data it is for.
         train: Pictures to learn from.
         checked: Pictures of the split `CHECKED`.
         size: Width and height of stored pictures, in pixels.
+        views: Name of the views that training sees instead of the robot's eye.
 
     Raises:
         DataError: If the treebank is needed and was not given, or is damaged.
-        InputError: If the views of the thesis's scale are not there.
+        InputError: If there are no such views.
     """
     if trial.scale != "smoke" and trial.data is None:
         corpus_for(trial)  # says how to give it
-    return _made(trial.work, trial.scale, trial.data, (train, checked), size)
+    own = trial.scale == "smoke"
+    return _made(trial.work, None if own else trial.data, (train, checked), size, views)
 
 
 @lru_cache(maxsize=4)  # once a process: the corpus is read to see that nothing is missing
 def _made(
-    work: Path, scale: Scale, data: Path | None, counts: tuple[int, int], size: tuple[int, int]
+    work: Path,
+    data: Path | None,
+    counts: tuple[int, int],
+    size: tuple[int, int],
+    views: str | None,
 ) -> Path:
-    folder = work / f"pictures-{counts[0]}-{size[0]}x{size[1]}"
+    folder = work / f"pictures-{views or 'eye'}-{counts[0]}-{size[0]}x{size[1]}"
     lock = Lock(work, folder)
     while not lock.acquire():
         time.sleep(PAUSE)
     with lock:
-        if scale == "smoke":
-            data = _own_commands(work / "commands")
-        sources = Sources(data=data, views="rooms" if scale == "thesis" else None)
-        plan = plan_for(str(counts[0]), "treebank", sources, size=size, varied=0.3)
-        if sources.views is None:
-            plan = replace(plan, counts=(("train", counts[0]), (CHECKED, counts[1])))
-        build(folder, plan, sources)
+        sources = Sources(data=data or _own_commands(work / "commands"), views=views)
+        plan = plan_for(str(counts[0]), "treebank", sources, size=size, varied=0.3, eyes_share=0.0)
+        splits = {"train": counts[0], CHECKED: counts[1]}
+        splits |= {"val": counts[1]} if views else {}
+        order = {split: splits[split] for split in SPLITS if split in splits}
+        build(folder, replace(plan, counts=tuple(order.items())), sources)
     return folder
 
 
