@@ -1,12 +1,22 @@
 """How the shipped detector is measured, on stored pictures and on rendered ones."""
 
+import dataclasses
+import json
+import shutil
+
 import numpy as np
+import pyarrow.parquet as pq
 import pytest
 
 from dataset_fixtures import small_plan, small_sources
+from fusionnet.apps.cli import main
+from fusionnet.blocks import CLASS_NAMES
 from fusionnet.dataset.build import build
+from fusionnet.dataset.reader import StoredPictures
 from fusionnet.errors import InputError
 from fusionnet.evaluation.detection import DetectionEvaluation, calibration_error, evaluate
+from fusionnet.training.placement_pictures import PlacementPictures
+from test_retinanet import tiny
 from tiny_treebank import write_tiny_treebank
 
 
@@ -35,6 +45,60 @@ def test_rendered_pictures_are_measured(tmp_path):
         evaluate(DetectionEvaluation(data=data, split="sim"))
     with pytest.raises(InputError, match="At least one picture"):
         evaluate(DetectionEvaluation(data=data, pictures=0))
+
+
+@pytest.fixture(scope="module")
+def stored(tmp_path_factory):
+    sources = small_sources(tmp_path_factory.mktemp("sources"))
+    folder = tmp_path_factory.mktemp("data") / "set"
+    build(folder, small_plan(sources), sources)
+    return folder
+
+
+def test_a_detector_of_boxes_is_measured_by_class(stored, tmp_path, capsys):
+    tiny().save(tmp_path / "thesis", {}, half=False)
+    command = ["evaluate", "detector", str(stored), "--split", "val", "--checkpoint"]
+    assert main([*command, str(tmp_path / "thesis"), "--json"]) == 0
+    said = json.loads(capsys.readouterr().out)
+    pictures = PlacementPictures(stored, "val", tiny().frame)
+    truth = np.concatenate([pictures.boxes(i).classes.numpy() for i in range(len(pictures))])
+    assert said["n"] == len(pictures) and said["milliseconds_a_picture"] > 0
+    for number, name in enumerate(CLASS_NAMES):
+        assert said["classes"][name]["instances"] == (truth == number).sum()
+    assert main([*command, str(tmp_path / "thesis")]) == 0
+    shown = capsys.readouterr().out
+    assert "instances" in shown and CLASS_NAMES[int(truth[0])] in shown
+    assert main(["evaluate", "detector", "--checkpoint", str(tmp_path / "thesis")]) == 2
+    assert "measured on a data set" in capsys.readouterr().err
+
+
+def test_pictures_without_boxes_are_refused(stored, monkeypatch, capsys):
+    whole = StoredPictures.__getitem__
+
+    def bare(self, index):
+        picture, labels = whole(self, index)
+        none = np.zeros(0, dtype=int)
+        boxes = {"boxes": np.zeros((0, 4)), "classes": none, "hidden": none.astype(bool)}
+        return picture, dataclasses.replace(labels, **boxes)
+
+    monkeypatch.setattr(StoredPictures, "__getitem__", bare)
+    assert main(["evaluate", "detector", str(stored), "--split", "val"]) == 2
+    assert "show no block" in capsys.readouterr().err
+
+
+def test_other_class_names_are_refused(stored, tmp_path, capsys):
+    copy = tmp_path / "set"
+    shutil.copytree(stored, copy)
+    (shard,) = (copy / "data").glob("val-*.parquet")
+    table = pq.read_table(shard)
+    metadata = dict(table.schema.metadata)
+    metadata[b"huggingface"] = metadata[b"huggingface"].replace(b"cube_red", b"ball_red")
+    pq.write_table(table.replace_schema_metadata(metadata), shard, row_group_size=10)
+    for command in (["evaluate", "detector"], ["anchors"]):
+        assert main([*command, str(copy), "--split", "val"]) == 2
+        said = capsys.readouterr().err
+        assert "ball_red" in said and "differ from this release's 16" in said
+    assert main(["evaluate", "detector", str(copy), "--split", "test"]) == 0
 
 
 def test_calibration_error_of_known_probabilities():

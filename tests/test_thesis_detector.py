@@ -135,6 +135,11 @@ def test_bad_data_and_settings_are_named(config, tmp_path, monkeypatch):
         train(dataclasses.replace(config, backbone="resnet5"))
     with pytest.raises(InputError, match="batch, checked"):
         dataclasses.replace(config, batch=0)
+    with monkeypatch.context() as patched:
+        none = Boxes(torch.zeros(0, 4), torch.zeros(0, dtype=torch.long), torch.zeros(0))
+        patched.setattr(PlacementPictures, "boxes", lambda self, index: none)
+        with pytest.raises(DataError, match="shows a block"):
+            train(config)
     pictures = PlacementPictures(config.dataset, "train", THESIS_FRAME)
     sample = dict(pictures.samples[0])
     monkeypatch.setattr(

@@ -23,7 +23,7 @@ from fusionnet.errors import InputError, OutputError
 from fusionnet.files import write_whole
 from fusionnet.models.look import Look, look
 from fusionnet.models.retinanet import RetinaNet
-from fusionnet.policy import LEAST_SCORE, weights_folder
+from fusionnet.policy import LEAST_SCORE, detector_folder
 from fusionnet.views.picture_file import read_picture
 
 NO_BOARD = "no board is seen where the estimated camera would have it; boxes only"
@@ -60,7 +60,7 @@ def detect(config: DetectConfig) -> int:
     """
     if config.out is not None and config.out.exists() and not config.out.is_dir():
         raise OutputError(f"{config.out} is a file; name a folder (--out).")
-    model = _detector(config.checkpoint)
+    model = RetinaNet.from_folder(detector_folder(config.checkpoint))
     names = _names(config.images)
     status, several = EXIT_REACHED, len(config.images) > 1
     with bars() as bar:
@@ -81,14 +81,6 @@ def detect(config: DetectConfig) -> int:
             if several:
                 progress(number, len(names))
     return status
-
-
-def _detector(checkpoint: str) -> RetinaNet:
-    """The detector of a policy, or one in a folder of its own."""
-    folder = Path(checkpoint)
-    if (folder / "config.json").is_file():
-        return RetinaNet.from_folder(folder)
-    return RetinaNet.from_folder(weights_folder(checkpoint) / "detector")
 
 
 def _names(images: Sequence[Path]) -> list[str]:

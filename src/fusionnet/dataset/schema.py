@@ -122,6 +122,24 @@ def check_version(metadata: dict[bytes, bytes] | None, name: str) -> None:
     check_version_number(found.decode(errors="replace"), name)
 
 
+def check_classes(metadata: dict[bytes, bytes] | None, name: str) -> None:
+    """Accept a shard whose classes are ours, by name and in order.
+
+    Raises:
+        DataError: If they differ; the message says which.
+    """
+    described = json.loads((metadata or {}).get(b"huggingface", b"{}"))
+    features = described.get("info", {}).get("features", {})
+    for column in _CLASSES:
+        names = features.get(column, {}).get("feature", {}).get("names")
+        if names is not None and tuple(names) != CLASS_NAMES:
+            strange = sorted(set(names) ^ set(CLASS_NAMES)) or ["another order"]
+            raise DataError(
+                f"The classes of {name} differ from this release's {len(CLASS_NAMES)} "
+                f"({', '.join(strange[:4])}); expected {', '.join(CLASS_NAMES)}."
+            )
+
+
 def check_version_number(found: object, name: str) -> None:
     """Accept the version of this schema.
 

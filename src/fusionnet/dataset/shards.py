@@ -15,7 +15,7 @@ from typing import Any
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from fusionnet.dataset.schema import COLUMNS, check_version, schema
+from fusionnet.dataset.schema import COLUMNS, check_classes, check_version, schema
 from fusionnet.errors import DataError, OutputError
 
 ROW_GROUP = 10
@@ -108,7 +108,7 @@ def open_shard(file: Path) -> pq.ParquetFile:
     """A shard, memory-mapped, after a look at its version.
 
     Raises:
-        DataError: If it is missing, cut short, or of another schema.
+        DataError: If it is missing, cut short, of another schema, or has other classes.
     """
     try:
         opened = pq.ParquetFile(file, memory_map=True)
@@ -119,6 +119,7 @@ def open_shard(file: Path) -> pq.ParquetFile:
     except (OSError, pa.ArrowException) as error:
         raise damaged(file, error) from error
     check_version(opened.schema_arrow.metadata, str(file))
+    check_classes(opened.schema_arrow.metadata, str(file))
     return opened
 
 

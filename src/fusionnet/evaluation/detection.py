@@ -21,12 +21,14 @@ from fusionnet.corpora import Part, load_corpus
 from fusionnet.dataset.frame import PictureFrame
 from fusionnet.dataset.pictures import EMPTY, Labels, label
 from fusionnet.dataset.reader import StoredPictures
-from fusionnet.errors import InputError
+from fusionnet.errors import DataError, InputError
 from fusionnet.models.labelled_boxes import Boxes, BoxPrecision
 from fusionnet.models.retinanet import RetinaNet, Sight
-from fusionnet.policy import weights_folder
+from fusionnet.policy import detector_folder
 from fusionnet.randomness import generator
 from fusionnet.simulation import Appearance, SceneRenderer
+from fusionnet.training.placement_pictures import PlacementPictures
+from fusionnet.training.thesis_detector import measure
 
 CLEARLY_EMPTY = 0.999
 """Cells that are empty with more than this say nothing of the calibration."""
@@ -45,7 +47,8 @@ class DetectionEvaluation:
         corpus: Where the layouts come from.
         data: Folder of the corpus's files.
         split: Part of the corpus (train, val or test), or split of the data set.
-        checkpoint: A shipped name, or a folder that holds the checkpoint `detector`.
+        checkpoint: A shipped name, a folder that holds the checkpoint `detector`, or a detector's
+            own folder.
         pictures: How many at most; a corpus's layouts are shown again, in other looks, if there
             are fewer.
         seed: Of the looks.
@@ -70,11 +73,15 @@ def evaluate(
 
     Raises:
         InputError: If no pictures are asked for, or the part has no commands.
-        DataError: If the data set is not finished, damaged, or of another schema.
+        DataError: If the data set is not finished, damaged, of another schema, or has other
+            classes, or if no picture shows a block.
+        UnknownNameError: If it has no such split.
     """
     if config.pictures < 1:
         raise InputError(f"At least one picture is needed; received {config.pictures}.")
-    model = RetinaNet.from_folder(weights_folder(config.checkpoint) / "detector")
+    model = RetinaNet.from_folder(detector_folder(config.checkpoint))
+    if not model.config.reads_layouts:
+        return _boxes_alone(config, model)
     count, pictures = _pictures(config, model)
     strict, lenient = BoxPrecision(), BoxPrecision()
     counted: dict[str, list[np.ndarray]] = {}
@@ -103,15 +110,40 @@ def evaluate(
     shares = {n: round(float(np.concatenate(v).mean()), 4) for n, v in counted.items()}
     if confidence:
         shares["calibration_error"] = round(calibration_error(np.concatenate(confidence)), 4)
+    precise = strict.compute()
+    _refuse_without_boxes(precise, config)
     return {
         "corpus": config.corpus if config.dataset is None else str(config.dataset.name),
         "split": config.split,
         "n": count,
-        **strict.compute(),
+        **precise,
         "without_mostly_hidden_blocks": lenient.compute(),
         **shares,
         "milliseconds_a_picture": round(1000 * float(np.median(spent)), 1),
     }
+
+
+def _boxes_alone(config: DetectionEvaluation, model: RetinaNet) -> dict[str, Any]:
+    """What is said of a detector of boxes, such as the thesis's, on a stored data set."""
+    if config.dataset is None:
+        raise InputError(
+            "This detector finds boxes only; it is measured on a data set: fusionnet evaluate "
+            "detector DATASET."
+        )
+    pictures = PlacementPictures(config.dataset, config.split, model.frame)
+    measured = measure(model, pictures, config.pictures)
+    _refuse_without_boxes(measured, config)
+    about = {"corpus": str(config.dataset.name), "split": config.split}
+    return about | {"n": measured.pop("pictures")} | measured
+
+
+def _refuse_without_boxes(measured: dict[str, Any], config: DetectionEvaluation) -> None:
+    if measured["map_50"] is None:
+        where = config.corpus if config.dataset is None else config.dataset
+        raise DataError(
+            f"The pictures of {config.split!r} in {where} show no block: there are no boxes to "
+            "measure against."
+        )
 
 
 def _pictures(

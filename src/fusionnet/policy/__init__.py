@@ -3,7 +3,14 @@
 from fusionnet.policy._answer import LEAST_SCORE, Answer, Detection, Pose
 from fusionnet.policy._check import FARTHEST, disagreement
 from fusionnet.policy._eyes import both_seen
-from fusionnet.policy._policy import SHIPPED, Kind, Policy, load_policy, weights_folder
+from fusionnet.policy._policy import (
+    SHIPPED,
+    Kind,
+    Policy,
+    detector_folder,
+    load_policy,
+    weights_folder,
+)
 
 __all__ = [
     "FARTHEST",
@@ -15,6 +22,7 @@ __all__ = [
     "Policy",
     "Pose",
     "both_seen",
+    "detector_folder",
     "disagreement",
     "load_policy",
     "weights_folder",

@@ -21,6 +21,7 @@ from jaxtyping import Float, UInt8
 from fusionnet.blocks.voting import Vote, likely_layout, vote
 from fusionnet.catalogue import did_you_mean
 from fusionnet.errors import InputError, PlanningError, UnknownNameError
+from fusionnet.models.checkpoint import CONFIG_FILE
 from fusionnet.models.fusionnet import FusionNet
 from fusionnet.models.retinanet import RetinaNet, Sight
 from fusionnet.models.translator import Reading, Translator
@@ -193,6 +194,16 @@ def weights_folder(name: str | Path) -> Path:
             + did_you_mean(str(name), list(SHIPPED))
         )
     return folder
+
+
+def detector_folder(name: str | Path) -> Path:
+    """Where the detector of a shipped policy, of one in a folder, or one of its own lies.
+
+    Raises:
+        UnknownNameError: If it is none of these.
+    """
+    own = Path(name)
+    return own if (own / CONFIG_FILE).is_file() else weights_folder(name) / "detector"
 
 
 @functools.lru_cache(maxsize=2)

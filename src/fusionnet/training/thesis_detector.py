@@ -5,6 +5,8 @@ configuration of their own and take its metrics.
 """
 
 import logging
+import statistics
+import time
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
@@ -13,7 +15,7 @@ from typing import Any
 import torch
 import tyro
 
-from fusionnet.errors import InputError
+from fusionnet.errors import DataError, InputError
 from fusionnet.models import backbones, detectors
 from fusionnet.models.anchors import AnchorShapes, thesis_anchors
 from fusionnet.models.labelled_boxes import BoxPrecision
@@ -113,6 +115,8 @@ def train(config: ThesisDetectorConfig, *, progress: Progress | None = None) -> 
     frame = model.frame
     pictures = PlacementPictures(config.dataset, "train", frame, crop=config.crop)
     checked = PlacementPictures(config.dataset, config.check, frame, crop=config.crop)
+    if not any(len(pictures.boxes(index).classes) for index in range(len(pictures))):
+        raise DataError(f"No picture to learn from in {config.dataset} shows a block.")
     if model.fusion_head is not None:  # it learns from FusionNet's loss alone
         model.fusion_head.requires_grad_(False)
     history = fit(
@@ -186,17 +190,23 @@ def batches(
 
 @torch.inference_mode()
 def measure(model: RetinaNet, pictures: PlacementPictures, count: int) -> dict[str, Any]:
-    """Average precision and loss on the first pictures of a split, class by class as table 6.2."""
-    precision, losses = BoxPrecision(), []
+    """Average precision (by class: table 6.2), loss and time on the first pictures of a split."""
+    precision, losses, spent = BoxPrecision(), [], []
     device = next(model.parameters()).device
     for index in range(min(count, len(pictures))):
         picture, truth = pictures[index]
         images = torch.from_numpy(picture)[None].to(device)
+        began = time.perf_counter()
         outputs = model(images, fusion=False)
-        batch = BoxBatch(
-            images, [replace(truth, **{k: v.to(device) for k, v in vars(truth).items()})]
-        )
-        losses.append(float(torch.stack(list(model.losses(outputs, batch).values())).sum()))
-        precision.update(model.box_head.predict(outputs["boxes"])[0], truth)
-    loss = sum(losses) / len(losses)
-    return {"pictures": len(losses), "validation_loss": loss, **precision.compute()}
+        found = model.box_head.predict(outputs["boxes"])[0]
+        spent.append(time.perf_counter() - began)
+        there = replace(truth, **{k: v.to(device) for k, v in vars(truth).items()})
+        named = model.losses(outputs, BoxBatch(images, [there]))
+        losses.append(float(torch.stack(list(named.values())).sum()))
+        precision.update(found, truth)
+    return {
+        "pictures": len(losses),
+        "validation_loss": sum(losses) / len(losses),
+        "milliseconds_a_picture": round(1000 * statistics.median(spent), 1),
+        **precision.compute(),
+    }
