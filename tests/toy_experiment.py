@@ -30,7 +30,7 @@ def variants(scale: str) -> list[Variant]:
     return [Variant(name=f"x{x}", values={"x": x}) for x in (1, 2, 3)]
 
 
-def propose(trial: optuna.Trial) -> Variant:
+def propose(trial: optuna.trial.BaseTrial) -> Variant:
     values = {"x": round(trial.suggest_float("x", 0.0, 5.0), 3)}
     return Variant(name=proposal_name(values), values=values)
 

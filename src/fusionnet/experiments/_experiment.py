@@ -170,7 +170,7 @@ class Search:
     """
 
     trials: Mapping[Scale, int]
-    propose: Callable[[optuna.Trial], Variant]
+    propose: Callable[[optuna.trial.BaseTrial], Variant]
     seeds: Mapping[Scale, int] = field(default_factory=dict)
 
 

@@ -74,7 +74,7 @@ def search_variants(
             study.tell(trial, _mean(experiment, plan, variant, some, note, within))
     best = study.best_trial.number
     for finished in study.get_trials(deepcopy=False, states=[TrialState.COMPLETE]):
-        variant = search.propose(optuna.trial.FixedTrial(finished.params))  # type: ignore[arg-type]
+        variant = search.propose(optuna.trial.FixedTrial(finished.params))
         own = seeds if finished.number == best else some
         _mean(experiment, plan, variant, own, note, within)
 

@@ -89,7 +89,7 @@ def variants(scale: Scale) -> list[Variant]:
     return named + [variant(r[:4]) for r in TABLE_A_1 if r[:4] not in NAMED.values()]
 
 
-def propose(trial: optuna.Trial) -> Variant:
+def propose(trial: optuna.trial.BaseTrial) -> Variant:
     """Four weights from 0 to 10, as in 7.2.1."""
     weights = (round(trial.suggest_float(name, 0.0, LARGEST), 2) for name in LOSSES)
     return variant(tuple(weights))
