@@ -46,8 +46,8 @@ class Config:
 
     tokens: int = 200
     source: int = 13
-    batches: tuple[int, ...] = (1, 32)
-    rounds: int = 5
+    batches: tuple[int, ...] = (1, 8)
+    rounds: int = 3
 
 
 def fastest(rounds: int, ways: dict[str, Callable[[], Any]]) -> dict[str, float]:

@@ -30,10 +30,10 @@ SIZES = {
     "optimised": {"heads": 4, "feed_forward_size": 256},
     "base": {"heads": 2, "feed_forward_size": 128},
 }
-STEPS: dict[Scale, int] = {"smoke": 2, "small": 1000, "thesis": 32_000}
+STEPS: dict[Scale, int] = {"smoke": 2, "small": 400, "thesis": 32_000}
 BATCH: dict[Scale, int] = {"smoke": 4, "small": 16, "thesis": 30}
 LAYERS: dict[Scale, int] = {"smoke": 1, "small": 2, "thesis": 4}
-VECTOR_EPOCHS: dict[Scale, int] = {"smoke": 1, "small": 20, "thesis": 200}
+VECTOR_EPOCHS: dict[Scale, int] = {"smoke": 1, "small": 5, "thesis": 200}
 LONGEST: dict[Scale, int] = {"smoke": 120, "small": 200, "thesis": 200}
 CHECKED: dict[Scale, int] = {"smoke": 4, "small": 1000, "thesis": 1000}
 BEAM = 5
@@ -146,8 +146,8 @@ EXPERIMENT = Experiment(
     "beam of 5; encoder-decoder attention of the last layer, averaged over its heads.",
     differs={
         "smoke": "Commands of our own, one layer, 2 steps: it shows only that it runs.",
-        "small": "Treebank, 2 layers, 1,000 steps of 16 sequences with a one-cycle schedule, word "
-        "vectors of 20 epochs; measured on the validation groups. The base set-up beside it.",
+        "small": "Treebank, 2 layers, 400 steps of 16 sequences with a one-cycle schedule, word "
+        "vectors of 5 epochs; measured on the validation groups. The base set-up beside it.",
         "thesis": "Treebank in place of the ETR data; measured on the validation groups. The base "
         "set-up beside it.",
     },
