@@ -1,3 +1,4 @@
+import dataclasses
 import re
 
 import pytest
@@ -57,6 +58,14 @@ def test_markdown_names_every_figure_that_it_gives(run):
 def test_every_kind_of_figure_is_drawn_the_same_twice(run, figure):
     assert draw(run, figure) == draw(run, figure)
     assert "NaN" not in draw(run, figure)
+
+
+def test_an_interval_that_rounding_turned_over_is_drawn(run):
+    one = run.summaries[0]
+    turned = dataclasses.replace(one, low=one.mean + 1e-16, high=one.mean - 1e-16)
+    chapter = dataclasses.replace(run, summaries=(turned,))
+    for kind in ("bars", "lines", "scatter"):
+        assert draw(chapter, Figure(kind=kind, x="x")).startswith("<svg")
 
 
 def test_the_answer_shows_several_metrics(run):

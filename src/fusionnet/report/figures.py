@@ -155,7 +155,8 @@ def _bars_of_thesis(axes: Axes, stated: Sequence[Published], places: Sequence[in
 
 
 def _spread(rows: Sequence[Summary]) -> list[list[float]]:
-    return [[s.mean - s.low for s in rows], [s.high - s.mean for s in rows]]
+    """How far below and above the mean each interval goes; rounding may leave less than nothing."""
+    return [[max(0.0, s.mean - s.low) for s in rows], [max(0.0, s.high - s.mean) for s in rows]]
 
 
 def _lines(
