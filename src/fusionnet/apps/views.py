@@ -17,9 +17,10 @@ from fusionnet.views.calibration import calibrate as calibrate_all
 from fusionnet.views.calibration_report import as_json, write_report
 from fusionnet.views.checkerboard import Checkerboard
 from fusionnet.views.importing import choose, import_views, set_aside
+from fusionnet.views.known_calibration import load_calibration
 from fusionnet.views.mesh_sheet import mesh_sheet
 from fusionnet.views.photographing import chosen_views, parted, photograph_rooms, room_errors
-from fusionnet.views.photographs import Photograph, find_boards
+from fusionnet.views.photographs import FEWEST_USABLE, Environment, Photograph, find_boards
 from fusionnet.views.rooms import BOARD
 from fusionnet.views.view_files import load_views, write_views
 
@@ -48,6 +49,9 @@ class ImportConfig:
     """One folder an environment: all its photographs share one focus."""
     out: Path
     """A new folder for the views, as `dataset build --views` takes it."""
+    calibration: Path | None = None
+    """Folder of a calibration made before with the same camera and focus, by folders' names; the
+    photographs then need not calibrate it, and one is enough."""
     board: tuple[int, int] = (10, 7)
     """Squares (not corners) along the board's long and short side."""
     square: float = BOARD.square
@@ -104,7 +108,12 @@ def import_(config: ImportConfig) -> dict[str, Any]:
     Prints what became of them as JSON.
     """
     check_new_folder(config.out)
-    calibration = _calibrated(config.folders, Checkerboard(*config.board, config.square))
+    board = Checkerboard(*config.board, config.square)
+    if config.calibration is None:
+        calibration = _calibrated(config.folders, board)
+    else:
+        known = load_calibration(config.calibration)
+        calibration = known.applied(_found(config.folders, board, fewest=1), board)
     imported = import_views(calibration)
     if not imported.views:
         reason = imported.left_out[0].reason if imported.left_out else "none was taken"
@@ -147,14 +156,19 @@ def show(config: ShowConfig) -> None:
 
 
 def _calibrated(folders: tuple[Path, ...], board: Checkerboard) -> Calibration:
+    return calibrate_all(_found(folders, board), board)
+
+
+def _found(
+    folders: tuple[Path, ...], board: Checkerboard, fewest: int = FEWEST_USABLE
+) -> list[Environment]:
     if not folders:
         raise InputError("Name at least one folder of photographs of a checkerboard.")
     with bars() as bar:
-        environments = [
-            find_boards(folder, board, _counted(bar(f"corners in {folder.name}")))
+        return [
+            find_boards(folder, board, _counted(bar(f"corners in {folder.name}")), fewest)
             for folder in folders
         ]
-    return calibrate_all(environments, board)
 
 
 def _counted(bar: Bar) -> Callable[[list[Path]], Iterator[Path]]:

@@ -14,6 +14,8 @@ from fusionnet.views.calibration import CalibratedEnvironment, Calibration
 from fusionnet.views.picture_file import read_picture
 
 CALIBRATION_FILE = "calibration.json"
+KIND = "fusionnet calibration"
+SCHEMA_VERSION = 2
 REPORT_FILE = "calibration.html"
 SHOWN = 12
 """Pictures of corners for an environment: those with the largest errors come first."""
@@ -32,8 +34,8 @@ img { max-width: 100%; }
 def as_json(calibration: Calibration) -> dict[str, Any]:
     """Everything that was found, as numbers: lengths in pixels, errors a photograph."""
     return {
-        "kind": "fusionnet calibration",
-        "schema_version": 1,
+        "kind": KIND,
+        "schema_version": SCHEMA_VERSION,
         "board": {
             "columns": calibration.board.columns,
             "rows": calibration.board.rows,
@@ -41,6 +43,7 @@ def as_json(calibration: Calibration) -> dict[str, Any]:
         },
         "size": list(calibration.size),
         "matrix": calibration.matrix.tolist(),
+        "undistorted_to": calibration.undistorted_to.tolist(),
         "mean_reprojection_error": calibration.mean_error,
         "environments": {
             each.environment.name: {

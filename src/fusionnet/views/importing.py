@@ -123,7 +123,7 @@ def set_aside(views: tuple[EnvironmentalView, ...], count: int) -> tuple[Environ
     if not 0 <= count < len(views):
         raise InputError(
             f"{count} of {len(views)} views cannot be kept for validation; at least one must be "
-            "left for training."
+            "left for training. Keep fewer, or take more photographs."
         )
     waiting: dict[str, list[int]] = {}
     for index, view in enumerate(views):

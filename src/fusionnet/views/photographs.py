@@ -64,9 +64,9 @@ def picture_files(folder: Path) -> list[Path]:
     Raises:
         InputError: If there is no such folder, or no or too many pictures in it.
     """
-    if not folder.is_dir():
-        raise InputError(f"There is no folder of photographs {folder}.")
     try:
+        if not folder.is_dir():
+            raise InputError(f"There is no folder of photographs {folder}.")
         files = sorted(f for f in folder.iterdir() if f.suffix.lower() in SUFFIXES)
     except OSError as error:
         raise InputError(f"The folder {folder} cannot be read: {error.strerror}.") from error
@@ -86,6 +86,7 @@ def find_boards(
     folder: Path,
     board: Checkerboard,
     each: Callable[[list[Path]], Iterator[Path]] = iter,
+    fewest: int = FEWEST_USABLE,
 ) -> Environment:
     """Look for the board in every picture of a folder.
 
@@ -93,9 +94,10 @@ def find_boards(
         folder: Of one environment; its name is the environment's.
         board: What to look for.
         each: Goes through the files; a progress bar may stand here.
+        fewest: Photographs of the whole board that are needed.
 
     Raises:
-        InputError: If pictures differ in size, or fewer than three show the whole board; the
+        InputError: If pictures differ in size, or fewer than `fewest` show the whole board; the
             message names files and reasons.
     """
     name = folder.resolve().name
@@ -121,12 +123,12 @@ def find_boards(
         reason = "" if corners is not None else f"no whole board of {_inner(board)} inner corners"
         photographs.append(Photograph(file, name, corners, reason))
     usable = sum(photograph.corners is not None for photograph in photographs)
-    if size is None or usable < FEWEST_USABLE:
+    if size is None or usable < fewest:
         reasons = [f"{p.file.name}: {p.reason}" for p in photographs if p.reason]
         raise InputError(
             f"Of {len(photographs)} photographs in {folder} {usable} can be used, at least "
-            f"{FEWEST_USABLE} are needed ({'; '.join(reasons[:3])}). Is the board one of "
-            f"{board.columns} x {board.rows} squares?"
+            f"{fewest} {'is' if fewest == 1 else 'are'} needed ({'; '.join(reasons[:3])}). Is the "
+            f"board one of {board.columns} x {board.rows} squares?"
         )
     return Environment(name, size, tuple(photographs))
 

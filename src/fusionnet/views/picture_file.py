@@ -28,13 +28,13 @@ def read_picture(path: Path) -> UInt8[np.ndarray, "h w 3"]:
         InputError: If there is no such file, or it is no picture, or one that is
             damaged, too small or too large; the message says which.
     """
-    if not path.exists():
-        raise InputError(f"There is no picture {path}.")
-    if not path.is_file():
-        raise InputError(f"{path} is not a file; expected a picture ({', '.join(FORMATS)}).")
-    if path.stat().st_size > MOST_BYTES:
-        raise InputError(f"The picture {path} has more than {MOST_BYTES // 2**20} MiB.")
     try:
+        if not path.exists():
+            raise InputError(f"There is no picture {path}.")
+        if not path.is_file():
+            raise InputError(f"{path} is not a file; expected a picture ({', '.join(FORMATS)}).")
+        if path.stat().st_size > MOST_BYTES:
+            raise InputError(f"The picture {path} has more than {MOST_BYTES // 2**20} MiB.")
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", Image.DecompressionBombWarning)  # we refuse below
             picture = Image.open(path, formats=FORMATS)
@@ -47,6 +47,8 @@ def read_picture(path: Path) -> UInt8[np.ndarray, "h w 3"]:
         raise InputError(f"{path} is not a picture; expected {', '.join(FORMATS)}.") from None
     except Image.DecompressionBombError:
         raise InputError(f"The picture {path} is too large: {_limits()}.") from None
+    except PermissionError as error:
+        raise InputError(f"The picture {path} cannot be read: {error.strerror}.") from None
     except (OSError, ValueError, SyntaxError, EOFError) as error:
         raise InputError(f"The picture {path} is damaged: {error}.") from None
     return np.asarray(upright)

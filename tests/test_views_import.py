@@ -1,0 +1,162 @@
+"""Views of photographs by a calibration made before, and what is said of bad photographs."""
+
+import json
+import os
+import shutil
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from fusionnet.apps.cli import main
+from fusionnet.errors import OutputError
+from fusionnet.views import load_views
+from fusionnet.views.checkerboard import SEARCHED
+from fusionnet.views.photographing import photograph_rooms
+from fusionnet.views.rooms import BOARD, ROOMS
+
+SIZE = (480, 270)
+
+
+@pytest.fixture(scope="module")
+def room(tmp_path_factory):
+    """A folder of twelve small photographs of the first room."""
+    return photograph_rooms(tmp_path_factory.mktemp("rooms"), 12, SIZE, rooms=ROOMS[:1])[0]
+
+
+@pytest.fixture(scope="module")
+def calibrated(room, tmp_path_factory):
+    """What `views import` made of that room."""
+    out = tmp_path_factory.mktemp("calibrated") / "views"
+    assert main(["views", "import", str(room), "--out", str(out), "--validation", "0"]) == 0
+    return out
+
+
+def refused(arguments: list[str], capsys) -> str:
+    """The one line that is said about bad input."""
+    capsys.readouterr()
+    assert main(arguments) == 2
+    error = capsys.readouterr().err
+    assert error.count("\n") == 1 and "Traceback" not in error
+    return error
+
+
+def test_one_photograph_is_enough_with_a_calibration(room, calibrated, tmp_path, capsys):
+    folder = tmp_path / "later"
+    folder.mkdir()
+    shutil.copy(room / "view-1.jpg", folder)
+    out = tmp_path / "views"
+    arguments = ["views", "import", str(folder), "--out", str(out), "--validation", "0"]
+    assert "at least 3 are needed" in refused(arguments, capsys)
+    assert main([*arguments, "--calibration", str(calibrated)]) == 0
+    (view,) = load_views(out)
+    known = next(v for v in load_views(calibrated) if v.name == "round-white-bright-view-1")
+    assert view.part == "train" and view.environment == "later"
+    np.testing.assert_allclose(view.matrix, known.matrix)
+    np.testing.assert_allclose(view.camera_from_board, known.camera_from_board, atol=1e-6)
+    first, again = (
+        json.loads((place / "calibration.json").read_text()) for place in (calibrated, out)
+    )
+    errors = {
+        photograph["file"]: photograph["pinhole_error"]
+        for photograph in first["environments"][room.name]["photographs"]
+    }
+    found = again["environments"]["later"]["photographs"][0]
+    assert found["pinhole_error"] == pytest.approx(errors["view-1.jpg"], abs=0.05)
+
+
+@pytest.mark.parametrize("wrong", ["none", "damaged", "version", "fields", "size", "unnamed"])
+def test_a_calibration_that_does_not_fit_is_refused(wrong, room, calibrated, tmp_path, capsys):
+    folder, known = tmp_path / "later", tmp_path / "calibration.json"
+    folder.mkdir()
+    shutil.copy(room / "view-1.jpg", folder)
+    document = json.loads((calibrated / "calibration.json").read_text())
+    if wrong == "version":
+        document["schema_version"] = 1
+    if wrong == "fields":
+        document["undistorted_to"] = [[1.0]]
+    if wrong == "size":
+        document["size"] = [640, 360]
+    if wrong == "unnamed":
+        lens = document["environments"].pop(room.name)
+        document["environments"] = {"kitchen": lens, "office": lens}
+    known.write_text("{" if wrong == "damaged" else json.dumps(document))
+    source = tmp_path / "nothing" if wrong == "none" else known
+    out = tmp_path / "views"
+    message = {
+        "none": "There is no calibration",
+        "damaged": "is damaged, it is not JSON",
+        "version": "has schema version 1",
+        "fields": "expected 3 x 3 numbers",
+        "size": "those of the calibration",
+        "unnamed": "its own are kitchen, office",
+    }[wrong]
+    arguments = ["views", "import", str(folder), "--out", str(out), "--calibration", str(source)]
+    assert message in refused([*arguments, "--validation", "0"], capsys)
+    assert not out.exists()
+
+
+def test_photographs_without_the_whole_grid_become_no_views(room, calibrated, tmp_path, capsys):
+    views = {view.name.removeprefix("round-white-bright-") for view in load_views(calibrated)}
+    document = json.loads((calibrated / "calibration.json").read_text())
+    seen = document["environments"]["round-white-bright"]["photographs"]
+    near = [p["file"] for p in seen if p["file"].removesuffix(".jpg") not in views]
+    folder = tmp_path / "near"
+    folder.mkdir()
+    shutil.copy(room / near[0], folder)
+    out = tmp_path / "views"
+    arguments = ["views", "import", str(folder), "--out", str(out)]
+    error = refused([*arguments, "--validation", "0", "--calibration", str(calibrated)], capsys)
+    assert "leaves the picture" in error and not out.exists()
+
+
+def test_a_photograph_cut_short_is_listed_and_the_others_are_used(room, tmp_path, capsys):
+    folder = tmp_path / "mine"
+    shutil.copytree(room, folder)
+    whole = (room / "000.jpg").read_bytes()
+    (folder / "000.jpg").write_bytes(whole[: len(whole) // 2])
+    capsys.readouterr()
+    out = tmp_path / "calibration"
+    assert main(["views", "calibrate", str(folder), "--out", str(out)]) == 0
+    left_out = json.loads(capsys.readouterr().out)["left_out"]
+    assert "is damaged" in left_out["mine/000.jpg"]
+
+
+def test_an_unreadable_folder_is_named(room, tmp_path, capsys, monkeypatch):
+    def forbidden(path):
+        raise PermissionError(13, "Permission denied", str(path))
+
+    monkeypatch.setattr(Path, "iterdir", forbidden)
+    out = str(tmp_path / "out" / "calibration")
+    error = refused(["views", "calibrate", str(room), "--out", out], capsys)
+    assert "cannot be read: Permission denied" in error
+
+
+def test_a_full_disk_keeps_the_photographs_that_were_finished(room, tmp_path, monkeypatch):
+    replace, written = os.replace, []
+
+    def full(source, target):
+        if len(written) == 4:
+            raise OSError(28, "No space left on device")
+        written.append(Path(target).name)
+        replace(source, target)
+
+    monkeypatch.setattr(os, "replace", full)
+    with pytest.raises(OutputError, match="No space left on device"):
+        photograph_rooms(tmp_path, 12, SIZE, rooms=ROOMS[:1])
+    monkeypatch.undo()
+    place = tmp_path / room.name
+    assert sorted(file.name for file in place.iterdir()) == sorted(written)
+    photograph_rooms(tmp_path, 12, SIZE, rooms=ROOMS[:1])
+    for file in room.iterdir():
+        assert (place / file.name).read_bytes() == file.read_bytes()
+
+
+def test_corners_of_a_large_photograph_are_those_of_the_small_one(room):
+    small = cv2.cvtColor(cv2.imread(str(room / "view-1.jpg")), cv2.COLOR_BGR2RGB)
+    factor = 5
+    large = cv2.resize(small, None, fx=factor, fy=factor, interpolation=cv2.INTER_CUBIC)
+    assert large.shape[1] > SEARCHED
+    corners = (BOARD.find(large) + 0.5) / factor - 0.5
+    assert np.abs(corners - BOARD.find(small)).max() < 0.5
