@@ -85,7 +85,7 @@ class Figure:
     """How the results are drawn, in the thesis's own form.
 
     Attributes:
-        kind: "bars" a variant; "ranked" bars, the best first, the thesis's own variants beside
+        kind: "bars" a variant; "ranked" points, the best first, the thesis's own variants beside
             ours; "lines" and "scatter" over `x`; "curves" of the runs, a line a variant;
             "matrix", colours by row and column.
         metric: What is drawn; the experiment's by default. Of "curves" the name of a curve, of

@@ -119,17 +119,21 @@ def _bars(
 def _ranked(
     panels: list[Axes], chapter: Chapter, figure: Figure, stated: dict[str, Published]
 ) -> None:
-    """A row a variant, the best first, in each panel its own rows."""
+    """A row a variant, the best first, in each panel its own rows and its own part of the axis."""
     metric = figure.metric or chapter.experiment.metric
     less = chapter.experiment.lower_is_better if not figure.metric else less_is_better(metric)
     sign = 1 if less else -1
     ours = sorted(chapter.summaries_of(figure.metric), key=lambda s: sign * s.mean)[:MOST_RANKED]
     theirs = sorted(stated.values(), key=lambda p: sign * p.mean)[:MOST_RANKED]
     _rows(panels[-1], [s.variant for s in ours])
-    _bars_of_ours(panels[-1], ours, range(len(ours)))
+    look = {"fmt": "o", "ms": 4, "capsize": 2, "lw": 1}
+    means = [s.mean for s in ours]
+    panels[-1].errorbar(means, range(len(ours)), xerr=_spread(ours), color=COLORS[0], **look)
     if theirs:
         _rows(panels[0], [chapter.variants[p.variant] for p in theirs])
-        _bars_of_thesis(panels[0], theirs, range(len(theirs)))
+        spread = [p.deviation or 0.0 for p in theirs]
+        means = [p.mean for p in theirs]
+        panels[0].errorbar(means, range(len(theirs)), xerr=spread, color=PUBLISHED, **look)
     for axes in panels:
         axes.tick_params(axis="y", labelsize=6.5)
         axes.set_xlabel(_label(chapter, figure))

@@ -27,7 +27,7 @@ _MEANS = (
 )
 WHISKERS = {
     "bars": f"{_MEANS} Dots: single runs.",
-    "ranked": f"{_MEANS} Dots: single runs.",
+    "ranked": f"{_MEANS} The axes do not begin at 0.",
     "lines": _MEANS,
     "scatter": _MEANS,
     "curves": "Thin: single runs; thick: the mean of each variant.",

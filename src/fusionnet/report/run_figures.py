@@ -41,7 +41,7 @@ def draw_curves(chapter: Chapter, figure: Figure) -> Canvas:
         axes.set_yscale("log")
     bare(axes)
     if len(names) > 1:
-        legend(axes)
+        legend(axes, beside=len(names) > 3)
     return canvas
 
 

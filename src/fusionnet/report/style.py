@@ -16,9 +16,10 @@ def bare(axes: Axes) -> None:
     axes.spines[["top", "right"]].set_visible(False)
 
 
-def legend(axes: Axes) -> None:
-    """What the colours mean, once each; nothing if they mean nothing."""
+def legend(axes: Axes, *, beside: bool = False) -> None:
+    """What the colours mean, once each, in the figure or beside it; nothing if nothing."""
     handles, labels = axes.get_legend_handles_labels()
     unique = {label: handle for handle, label in zip(handles, labels, strict=True) if label}
     if unique:
-        axes.legend(unique.values(), unique.keys(), frameon=False, fontsize=8)
+        place = {"loc": "center left", "bbox_to_anchor": (1.01, 0.5)} if beside else {}
+        axes.legend(unique.values(), unique.keys(), frameon=False, fontsize=8, **place)
