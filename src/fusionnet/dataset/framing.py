@@ -1,6 +1,6 @@
 """Which part of a stored picture a network sees, and the labels in that part.
 
-Through the robot's left eye it is the eye's fixed crop; in an environmental view it is where
+Through one of the robot's eyes it is the eye's fixed crop; in an environmental view it is where
 the 8x8x8 grid appears, with a margin (thesis 6.1).
 """
 
@@ -14,7 +14,7 @@ from jaxtyping import Float, UInt8
 
 from fusionnet.blocks import BLOCK_SIZE, GRID
 from fusionnet.dataset.frame import PictureFrame
-from fusionnet.dataset.pictures import EMPTY, EYE_FRAME, LEAST_PIXELS, Labels
+from fusionnet.dataset.pictures import EMPTY, EYE_FRAME, EYE_FRAMES, LEAST_PIXELS, Labels
 from fusionnet.dataset.recipes import EYE
 from fusionnet.errors import DataError, InputError
 
@@ -84,17 +84,17 @@ def frame_of(
 ) -> PictureFrame:
     """The part of a stored sample's picture that a network sees."""
     camera = sample["camera"]
-    if by_left_eye(sample):
-        return replace(EYE_FRAME, input_size=input_size)
+    if by_known_eye(sample):
+        return replace(EYE_FRAMES[camera["name"]], input_size=input_size)
     matrix = np.array(camera["matrix"]).reshape(3, 3)
     pose = np.array(camera["camera_from_board"]).reshape(4, 4)
     return grid_frame(matrix, pose, (sample["width"], sample["height"]), input_size)
 
 
-def by_left_eye(sample: Mapping[str, Any]) -> bool:
-    """Whether a stored sample was seen by NICO's left eye, whose frame is known."""
+def by_known_eye(sample: Mapping[str, Any]) -> bool:
+    """Whether a stored sample was seen by one of NICO's eyes, whose frames are known."""
     camera = sample["camera"]
-    eye = camera["kind"] == EYE and camera["name"] == "left_eye"
+    eye = camera["kind"] == EYE and camera["name"] in EYE_FRAMES
     return bool(eye and sample["robot"] == "nico")
 
 
@@ -127,7 +127,7 @@ def labels_of(sample: Mapping[str, Any], frame: PictureFrame) -> Labels:
         holding=bool(sample["holding"]),
         matrix=frame.matrix(matrix),
         camera_from_board=np.array(sample["camera"]["camera_from_board"]).reshape(4, 4),
-        by_eye=by_left_eye(sample),
+        by_eye=by_known_eye(sample),
     )
 
 

@@ -15,8 +15,14 @@ EMPTY = 16
 LEAST_PIXELS = 12
 """Blocks with fewer visible pixels of the eye's picture get no box."""
 
-EYE_FRAME = PictureFrame(eye_size=(960, 540), crop=(190, 28, 782, 540), input_size=(352, 304))
-"""The part of NICO's left eye in which the 8x8x8 grid appears, at 0.59 of its size."""
+EYE_FRAMES = {
+    "left_eye": PictureFrame(eye_size=(960, 540), crop=(190, 28, 782, 540), input_size=(352, 304)),
+    "right_eye": PictureFrame(eye_size=(960, 540), crop=(16, 28, 608, 540), input_size=(352, 304)),
+}
+"""The part of each of NICO's eyes in which the 8x8x8 grid appears, at 0.59 of its size."""
+
+EYE_FRAME = EYE_FRAMES["left_eye"]
+"""That of the eye which looks where nothing else is said."""
 
 
 @dataclass(frozen=True)
@@ -32,7 +38,7 @@ class Labels:
         holding: Whether the gripper holds a block.
         matrix: Intrinsics for the network's input.
         camera_from_board: Pose of the eye.
-        by_eye: Whether the robot's left eye looked, through which layouts are read.
+        by_eye: Whether an eye of the robot looked, through which layouts are read.
     """
 
     boxes: Float[np.ndarray, "n 4"]
@@ -47,10 +53,14 @@ class Labels:
 
 
 def label(
-    renderer: SceneRenderer, layout: Layout, appearance: Appearance, frame: PictureFrame = EYE_FRAME
+    renderer: SceneRenderer,
+    layout: Layout,
+    appearance: Appearance,
+    frame: PictureFrame = EYE_FRAME,
+    camera: str = "left_eye",
 ) -> tuple[UInt8[np.ndarray, "h w 3"], Labels]:
     """The network's input for a layout, and what is true of it."""
-    view = renderer.view(layout, camera="left_eye", appearance=appearance)
+    view = renderer.view(layout, camera=camera, appearance=appearance)
     cells = np.full(512, EMPTY)
     visible = np.zeros(512, dtype=int)
     for block, pixels in zip(layout.blocks, view.visible, strict=True):

@@ -9,7 +9,7 @@ import logging
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import cv2
 import numpy as np
@@ -18,7 +18,8 @@ import tyro
 from jaxtyping import Int
 
 from fusionnet.blocks import Layout
-from fusionnet.dataset.pictures import EYE_FRAME, Labels
+from fusionnet.dataset.folder import read_plan
+from fusionnet.dataset.pictures import EYE_FRAMES, Labels
 from fusionnet.dataset.reader import StoredPictures
 from fusionnet.errors import InputError
 from fusionnet.models.checkpoint import load_checkpoint
@@ -51,6 +52,7 @@ class DetectorConfig:
         out: Folder of the checkpoint; the log and the resumable state go to `work`.
         work: Folder for everything that is not the checkpoint.
         start: Folder of a detector whose weights are taken over where names and shapes agree.
+        eye: Of the robot: the detector reads layouts through this one alone.
         batch: Pictures a step.
         empty: Pictures without blocks in each step besides, drawn while training.
         loop: Steps and schedule.
@@ -61,6 +63,7 @@ class DetectorConfig:
     out: Path = Path("runs/detector/checkpoint")
     work: Path = Path("runs/detector")
     start: Path | None = None
+    eye: Literal["left_eye", "right_eye"] = "left_eye"
     batch: int = 16
     empty: int = 1
     loop: LoopConfig = field(
@@ -119,7 +122,8 @@ def train(config: DetectorConfig, *, progress: Progress | None = None) -> dict[s
     """Train, calibrate, measure and save; returns the metrics on the validation pictures."""
     pictures = JoinedPictures([StoredPictures(folder, "train") for folder in config.datasets])
     checked = StoredPictures(config.datasets[0], "sim_val")
-    model = new_detector(config.seed)
+    _check_eyes(config)
+    model = new_detector(config.seed, eye=config.eye)
     if config.start is not None:
         start_from(model, config.start)
     fit(
@@ -139,6 +143,23 @@ def train(config: DetectorConfig, *, progress: Progress | None = None) -> dict[s
     return metrics
 
 
+def _check_eyes(config: DetectorConfig) -> None:
+    """Refuse data sets in which another eye looks: each has its own nominal camera.
+
+    Raises:
+        InputError: If there is one.
+    """
+    for folder in config.datasets:
+        plan = read_plan(folder)
+        others = [eye for eye in plan.eyes if eye != config.eye]
+        looks = plan.eyes_share > 0.0 or not plan.views[0]
+        if others and looks:
+            raise InputError(
+                f"In {folder} the {others[0]} looks; this detector is one of the {config.eye}. "
+                f"Build a data set with --eyes {config.eye}, or train with --eye {others[0]}."
+            )
+
+
 def start_from(model: RetinaNet, folder: Path) -> list[str]:
     """Take over another detector's weights where names and shapes agree; returns the others.
 
@@ -153,14 +174,15 @@ def start_from(model: RetinaNet, folder: Path) -> list[str]:
     return left
 
 
-def new_detector(seed: int, robot: str = "nico") -> RetinaNet:
-    """An untrained detector for a robot's left eye."""
-    renderer = SceneRenderer(robot, size=EYE_FRAME.eye_size)
-    camera = renderer.view(Layout(()), camera="left_eye", labels=False).camera
+def new_detector(seed: int, robot: str = "nico", eye: str = "left_eye") -> RetinaNet:
+    """An untrained detector for one of a robot's eyes."""
+    frame = EYE_FRAMES[eye]
+    renderer = SceneRenderer(robot, size=frame.eye_size)
+    camera = renderer.view(Layout(()), camera=eye, labels=False).camera
     camera_from_board = camera.camera_from_robot @ renderer.robot.robot_from_board
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(seed)
-        return RetinaNet(compact(EYE_FRAME, camera.matrix.tolist(), camera_from_board.tolist()))
+        return RetinaNet(compact(frame, camera.matrix.tolist(), camera_from_board.tolist()))
 
 
 def collate(
