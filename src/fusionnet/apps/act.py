@@ -13,7 +13,7 @@ from fusionnet.apps.run_record import Reference, RunRecord
 from fusionnet.apps.setting import Setting
 from fusionnet.blocks import Layout, Shape, apply, plan, validate
 from fusionnet.errors import FusionNetError, InputError, NotUnderstoodError, PlanningError
-from fusionnet.policy import Answer, Policy
+from fusionnet.policy import Answer, Policy, Servo
 from fusionnet.sentences import words_of
 from fusionnet.simulation import make_world
 
@@ -69,7 +69,12 @@ def look_and_act(
             world = make_world(robot=robot, seed=seed, layout=_as_read(answer.layout))
     before = world.layout
     with timed(seconds, "episode"):
-        episode = world.execute(answer, expected=expected, record=film)
+        episode = world.execute(
+            answer,
+            expected=expected,
+            record=film,
+            look_again=Servo(policy, answer) if config.closed_loop else None,
+        )
     return RunRecord(
         sentence=config.sentence,
         policy=config.policy,

@@ -61,6 +61,9 @@ class RunConfig:
     check: bool = False
     """Do not move where the network and the planner disagree, and say why."""
 
+    closed_loop: bool = False
+    """Look again before the grasp and above the place, and correct the arm."""
+
     out: Annotated[Path | None, _says("fusionnet-run, or none with --json")] = None
     """Folder to write."""
 

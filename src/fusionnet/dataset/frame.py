@@ -51,6 +51,10 @@ class PictureFrame:
         shift = np.array([[1, 0, 0.5 - left], [0, 1, 0.5 - top], [0, 0, 1.0]])
         return np.diag([*self.scale, 1.0]) @ shift @ eye_matrix
 
+    def eye_matrix(self, matrix: Float[np.ndarray, "3 3"]) -> Float[np.ndarray, "3 3"]:
+        """The inverse of `matrix`."""
+        return np.linalg.inv(self.matrix(np.eye(3))) @ matrix
+
     def to_input(self, boxes: Float[np.ndarray, "n 4"]) -> Float[np.ndarray, "n 4"]:
         """Boxes of the eye's picture in pixels of the input."""
         return (boxes - np.tile(self.crop[:2], 2)) * np.tile(self.scale, 2)

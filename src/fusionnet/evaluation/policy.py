@@ -12,16 +12,18 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
+from jaxtyping import Float
 
-from fusionnet.blocks import Layout, Move, apply, plan
+from fusionnet.blocks import BLOCK_SIZE, Layout, Move, apply, plan
 from fusionnet.corpora import Command, load_corpus
 from fusionnet.errors import DoubtError, InputError, NotUnderstoodError, PlanningError
 from fusionnet.evaluation.intervals import wilson_interval
-from fusionnet.policy import Answer, Kind, Policy, load_policy
+from fusionnet.policy import Answer, Kind, Policy, Servo, load_policy
 from fusionnet.randomness import derived_seed, generator
 from fusionnet.rcl import Tree
 from fusionnet.robots import Robot
 from fusionnet.simulation import Appearance, joint_targets, make_world
+from fusionnet.simulation.tabletop import BLOCK_HALF
 
 Outcome = Literal[
     "reached", "not understood", "doubted", "read wrong", "saw wrong", "pointed wrong", "slipped"
@@ -45,6 +47,10 @@ class PolicyEvaluation:
         episodes: How many; commands are drawn again, in other looks, if there are fewer.
         eyes: Whether the left eye looks, or both.
         check: Whether the policy refuses to move where its two kinds disagree.
+        closed_loop: Whether the policy looks again before the grasp and above the place.
+        displaced: Blocks that nothing stands on are displaced from their cells by up to this
+            much, in millimetres.
+        joint_noise: Standard deviation of an error of every joint of both poses, in degrees.
         strength: Of the camera's and blocks' displacement; 0 leaves only light and colours.
         seed: Of the drawing, the looks and the policy's vote.
     """
@@ -57,6 +63,9 @@ class PolicyEvaluation:
     episodes: int = 300
     eyes: Literal["left", "both"] = "left"
     check: bool = False
+    closed_loop: bool = False
+    displaced: float = 0.0
+    joint_noise: float = 0.0
     strength: float = 1.0
     seed: int = 0
 
@@ -111,6 +120,9 @@ class PolicyReport:
             "checkpoint": self.config.checkpoint,
             "eyes": self.config.eyes,
             "check": self.config.check,
+            "closed_loop": self.config.closed_loop,
+            "displaced_mm": self.config.displaced,
+            "joint_noise_deg": self.config.joint_noise,
             "seed": self.config.seed,
             "n": len(self.records),
             "answered": len(answered),
@@ -167,6 +179,7 @@ def _episode(
         seed=derived_seed(config.seed, "world", index),
         layout=before,
         appearance=look,
+        shifts=_displacements(before, config.displaced / 1000, config.seed, index),
     )
     images = [world.image(eye) for eye in EYES[config.eyes]]
     wanted = plan(command.tree, before)
@@ -179,7 +192,11 @@ def _episode(
         blame = _blame_refusal(error, policy, command, after)
         return EpisodeRecord(command.id, blame, str(error), None, None, None, milliseconds)
     milliseconds = 1000 * (time.perf_counter() - began)
-    episode = world.execute(answer, expected=after)
+    episode = world.execute(
+        _disturbed(policy.robot, answer, config, index),
+        expected=after,
+        look_again=Servo(policy, answer) if config.closed_loop else None,
+    )
     outcome: Outcome = "reached" if episode.success else _blame(answer, wanted, before, after)
     return EpisodeRecord(
         command.id,
@@ -188,6 +205,52 @@ def _episode(
         *joint_errors(policy.robot, answer.targets, joint_targets(policy.robot, wanted)),
         milliseconds,
     )
+
+
+def _displacements(
+    layout: Layout, farthest: float, seed: int, index: int
+) -> Float[np.ndarray, "n 2"] | None:
+    """Displaces each top block by up to `farthest` (metres), where it touches no other block."""
+    if farthest <= 0.0:
+        return None
+    rng = generator(seed, "displacement", index)
+    centers = np.array([b.cell for b in layout.blocks], dtype=float).reshape(-1, 3) * BLOCK_SIZE
+    shifts = np.zeros((len(centers), 2))
+    heights = {(b.cell.x, b.cell.y): 0 for b in layout.blocks}
+    for block in layout.blocks:
+        column = block.cell.x, block.cell.y
+        heights[column] = max(heights[column], block.cell.z)
+    for number, block in enumerate(layout.blocks):
+        if block.cell.z != heights[block.cell.x, block.cell.y] or block is layout.held:
+            continue
+        level = np.abs(centers[:, 2] - centers[number, 2]) < 0.5 * BLOCK_SIZE
+        level[number] = False
+        for _ in range(20):
+            angle, radius = rng.uniform(0.0, 2.0 * np.pi), farthest * np.sqrt(rng.uniform())
+            shift = radius * np.array([np.cos(angle), np.sin(angle)])
+            apart = np.abs(centers[number, :2] + shift - centers[level, :2] - shifts[level])
+            if not (apart < 2 * BLOCK_HALF[0] + 0.0005).all(axis=1).any():
+                shifts[number] = shift
+                break
+    return shifts
+
+
+def _disturbed(
+    robot: Robot, answer: Answer, config: PolicyEvaluation, index: int
+) -> Float[np.ndarray, " k"]:
+    """The answer's values with an error of each joint, within the joints' limits."""
+    targets = np.array(answer.targets, dtype=float)
+    noise = np.radians(config.joint_noise) * generator(
+        config.seed, "joint noise", index
+    ).standard_normal(len(targets))
+    count = len(robot.joint_names)
+    noise[[count, -1]] = 0.0
+    low, high = robot.joint_limits.T
+    limits = [
+        np.r_[limit, value, limit, value] for limit, value in ((low, -np.inf), (high, np.inf))
+    ]
+    disturbed: np.ndarray = np.clip(targets + noise, *limits)
+    return disturbed
 
 
 def joint_errors(robot: Robot, given: np.ndarray, wanted: np.ndarray) -> tuple[float, float, float]:

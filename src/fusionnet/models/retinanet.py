@@ -19,6 +19,7 @@ from jaxtyping import Float, UInt8
 from torch import Tensor, nn
 
 from fusionnet.errors import CheckpointError, InputError
+from fusionnet.geometry import PinholeCamera
 from fusionnet.models import backbones
 from fusionnet.models.checkpoint import load_checkpoint, restore, save_checkpoint
 from fusionnet.models.detectors import RetinaNetConfig
@@ -216,7 +217,13 @@ class RetinaNet(nn.Module):
             cells=cells.reshape(8, 8, 8, -1),
             holding=float(held[0].sigmoid()),
             corners=corners.double().numpy() / scale + offset,
+            camera=self._eye(pose),
         )
+
+    def _eye(self, pose: Float[Tensor, "1 7"]) -> PinholeCamera:
+        """The eye's own camera, whole numbers at the centres of its pixels."""
+        matrix, camera_from_board = self.pose_head.camera(pose)
+        return PinholeCamera(*self.frame.eye_size, self.frame.eye_matrix(matrix), camera_from_board)
 
     @torch.inference_mode()
     def detect(self, image: UInt8[np.ndarray, "h w 3"]) -> Boxes:

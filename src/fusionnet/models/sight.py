@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Float, Int, UInt8
 from torch import Tensor
 
+from fusionnet.geometry import PinholeCamera
 from fusionnet.models.heads.boxes import Boxes
 
 
@@ -56,6 +57,7 @@ class Sight:
         cells: Probabilities of the 17 classes for each cell of the grid.
         holding: Probability that the gripper holds a block.
         corners: Where the corners of the checkerboard appear, in pixels of the eye's picture.
+        camera: The eye as it was estimated; the board's frame stands for the robot's.
     """
 
     boxes: Boxes
@@ -63,6 +65,7 @@ class Sight:
     cells: Float[np.ndarray, "8 8 8 17"]
     holding: float
     corners: Float[np.ndarray, "81 2"]
+    camera: PinholeCamera
 
 
 BOARD_SEEN = 0.4

@@ -11,6 +11,7 @@ from fusionnet.policy._policy import (
     load_policy,
     weights_folder,
 )
+from fusionnet.policy._servo import Servo, block_shift
 
 __all__ = [
     "FARTHEST",
@@ -21,6 +22,8 @@ __all__ = [
     "Kind",
     "Policy",
     "Pose",
+    "Servo",
+    "block_shift",
     "both_seen",
     "detector_folder",
     "disagreement",

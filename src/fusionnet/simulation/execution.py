@@ -23,6 +23,9 @@ that a block that misses its gap comes down on its neighbour slowly."""
 AIR = 0.012
 """Between what the hand carries and the highest block on its way, in metres."""
 
+HOVER = 0.03
+"""A block is looked at from this far above its place, in metres."""
+
 FEELS = 8
 """So often a block that came down on an edge is lifted and set down a little beside it."""
 
@@ -129,6 +132,21 @@ class Execution:
         height = self.planner.pinch(self.hand.posture)[2]
         above = self.planner.upwards(goal, height)[-1]
         self._drive(self.planner.across(self.hand.posture, above))
+
+    def hover(self, goal: Float[np.ndarray, " n"]) -> float:
+        """Come down to a little above a pose, to be looked at; returns how far above (metres)."""
+        bottom = float(self.planner.pinch(goal)[2])
+        above = self.planner.upwards(goal, bottom + HOVER)[-1]
+        self._drive(np.array([self.hand.posture, above]), careful=True)
+        return float(self.planner.pinch(above)[2] - bottom)
+
+    def beside(
+        self, goal: Float[np.ndarray, " n"], shift: Float[np.ndarray, "3"]
+    ) -> Float[np.ndarray, " n"]:
+        """The posture whose pinch is beside that of a pose, in metres of the robot frame."""
+        if not np.any(shift):
+            return goal
+        return self.planner.reach(self.planner.pinch(goal) + shift, goal)[0]
 
     def retreat(self) -> None:
         """Straight up, and back beside the table."""

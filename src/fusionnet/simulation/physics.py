@@ -121,8 +121,16 @@ class Physics:
         return BlockPoses(poses[:, :3], _rotations(poses[:, 3:]))
 
 
-def build_physics(robot: Robot, layout: Layout) -> Physics:
-    """Compile a world with a robot, its table and the blocks of a layout in their cells."""
+def build_physics(
+    robot: Robot, layout: Layout, shifts: Float[np.ndarray, "n 2"] | None = None
+) -> Physics:
+    """Compile a world with a robot, its table and the blocks of a layout.
+
+    Args:
+        robot: Who acts.
+        layout: Blocks in their cells.
+        shifts: Displacement of each block from its cell along x and y of the board, in metres.
+    """
     spec = robot.spec()
     _set_options(spec)
     probe = spec.site("pinch").parent.add_geom(
@@ -133,7 +141,7 @@ def build_physics(robot: Robot, layout: Layout) -> Physics:
     probe.friction, probe.priority = [0.05, 0.005, 0.0001], 1  # smooth: it slides off edges
     _add_table(spec, robot)
     add_pyramid_mesh(spec, BLOCK_HALF)
-    poses = ideal_poses(layout.blocks, robot.robot_from_board)
+    poses = ideal_poses(layout.blocks, robot.robot_from_board, shifts)
     held = layout.held
     # A model begins in its zero posture; blocks cannot sleep where the hand is then.
     aside = poses.positions[:, :2] - _zero_pinch(robot)[:2]

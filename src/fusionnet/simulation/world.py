@@ -1,7 +1,7 @@
 """A table, blocks and a robot that does what fourteen numbers tell it."""
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, Literal, Protocol, runtime_checkable
 
 import mujoco
 import numpy as np
@@ -21,6 +21,26 @@ from fusionnet.simulation.physics import TIME_STEP, build_physics
 from fusionnet.simulation.renderer import View, shared_renderer
 from fusionnet.simulation.tabletop import BlockPoses
 from fusionnet.simulation.viewer import LiveViewer
+
+
+@runtime_checkable
+class LookAgain(Protocol):
+    """Looks at a world in the middle of an execution, and corrects the arm."""
+
+    def __call__(
+        self, phase: Literal["grasp", "place"], rise: float, world: "World"
+    ) -> Float[np.ndarray, "3"]:
+        """How far to move the pinch from the pose that was answered.
+
+        Args:
+            phase: Before the grasp, with the hand out of sight, or above the place.
+            rise: How far the hand hangs above the place, in metres.
+            world: To look at.
+
+        Returns:
+            A displacement in the robot frame, in metres; zero where nothing can be said.
+        """
+        ...
 
 
 def joint_targets(robot: str | Robot, move: Move) -> Float[np.ndarray, " k"]:
@@ -46,8 +66,11 @@ def make_world(
     seed: int = 0,
     layout: Layout | None = None,
     appearance: Appearance | None = None,
+    shifts: Float[np.ndarray, "n 2"] | None = None,
 ) -> "World":
     """A world with a layout of blocks; a random one, which depends on the seed, if none is given.
+
+    `shifts` displaces each block of the layout from its cell, along x and y of the board (metres).
 
     Raises:
         UnknownNameError: If there is no such robot.
@@ -57,7 +80,12 @@ def make_world(
         layout = blocks.random_layout(generator(seed, "world"))
     else:
         blocks.validate(layout)
-    return World(robots.load(robot), layout, appearance)
+    if shifts is not None and np.shape(shifts) != (len(layout.blocks), 2):
+        raise InputError(
+            f"Shifts of shape {np.shape(shifts)}; expected two numbers (metres) for each of the "
+            f"{len(layout.blocks)} blocks."
+        )
+    return World(robots.load(robot), layout, appearance, shifts)
 
 
 class World:
@@ -69,13 +97,20 @@ class World:
         robot: Who acts.
         layout: What stands on the board. If a block is held, the hand begins around it.
         appearance: Look of the pictures; nominal by default.
+        shifts: Displacement of each block from its cell along x and y of the board, in metres.
     """
 
-    def __init__(self, robot: Robot, layout: Layout, appearance: Appearance | None = None) -> None:
+    def __init__(
+        self,
+        robot: Robot,
+        layout: Layout,
+        appearance: Appearance | None = None,
+        shifts: Float[np.ndarray, "n 2"] | None = None,
+    ) -> None:
         self.robot = robot
         self.appearance = appearance or Appearance()
         self.blocks = layout.blocks
-        self._physics = build_physics(robot, layout)
+        self._physics = build_physics(robot, layout, shifts)
         self._data = mujoco.MjData(self._physics.model)
         self._planner = PathPlanner(ArmKinematics(robot))
         self._hand = Hand(robot, self._physics, self._data)
@@ -151,7 +186,13 @@ class World:
         self._hand.on_frame = viewer.show
         return viewer
 
-    def execute(self, answer: Any, expected: Layout | None = None, record: bool = False) -> Episode:
+    def execute(
+        self,
+        answer: Any,
+        expected: Layout | None = None,
+        record: bool = False,
+        look_again: LookAgain | None = None,
+    ) -> Episode:
         """Let the arm do it: go to the grasp pose, close, go to the place pose, open (or not).
 
         Args:
@@ -159,6 +200,9 @@ class World:
                 `gripper` (closed from 0.5); or the flat vector of `joint_targets`.
             expected: The layout that should come out, if known.
             record: Whether to keep states for a film.
+            look_again: Closes the loop: asked before the way down to the grasp, and above the
+                place with the block in the hand, how far to move the pinch from the pose that
+                was answered.
 
         Raises:
             InputError: If the targets have the wrong length, are not finite, or are outside
@@ -177,6 +221,8 @@ class World:
         if not grasp_closed and hand.closed:
             run.phase("open", hand.open)
         if hand.held is None and not hand.closed:
+            if look_again is not None:
+                grasp = run.beside(grasp, look_again("grasp", 0.0, self))
             run.phase("ready", lambda: run.to_ready(grasp))
         run.phase("reach", lambda: run.descend(grasp))
         distance: float | None = None
@@ -186,6 +232,9 @@ class World:
         touched.add(grasped)
         run.phase("lift", lambda: run.lift(place))
         run.phase("move", lambda: run.cross(place))
+        if look_again is not None and hand.held is not None:
+            rise = run.phase("look", lambda: run.hover(place))
+            place = run.beside(place, look_again("place", rise, self))
         run.phase("place", lambda: run.set_down(place))
         if not place_closed:
             run.phase("release", hand.open)

@@ -7,6 +7,7 @@ sampled where the coarse pose expects the corners of the checkerboard.
 
 import math
 
+import numpy as np
 import torch
 from jaxtyping import Float
 from torch import Tensor, nn
@@ -113,6 +114,18 @@ class CameraPose(nn.Module):
         rotation = turned @ self.nominal[:3, :3]
         moved = turned @ self.nominal[:3, 3] + scaled[:, 3:6]
         return -(rotation.transpose(1, 2) @ moved[..., None])[..., 0]
+
+    def camera(
+        self, deviation: Float[Tensor, "1 7"]
+    ) -> tuple[Float[np.ndarray, "3 3"], Float[np.ndarray, "4 4"]]:
+        """Intrinsics for the network's input, and `camera_from_board`, of one deviation."""
+        scaled = (deviation.float() * self.units)[0]
+        moved = torch.eye(4)
+        moved[:3, :3] = torch.linalg.matrix_exp(_cross_matrix(scaled[None, :3]))[0]
+        moved[:3, 3] = scaled[3:6]
+        matrix = self.matrix.clone()
+        matrix[0, 0], matrix[1, 1] = torch.diag(self.matrix)[:2] * scaled[6].exp()
+        return matrix.double().numpy(), (moved @ self.nominal).double().numpy()
 
     def target(
         self, matrix: Float[Tensor, "b 3 3"], camera_from_board: Float[Tensor, "b 4 4"]

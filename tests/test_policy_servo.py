@@ -1,0 +1,75 @@
+"""Looking again: where a displaced block is, and what the arm makes of it."""
+
+import numpy as np
+import pytest
+
+from fusionnet import load_policy, make_world
+from fusionnet.blocks import BLOCK_SIZE, Block, Cell, Color, Layout, Move, Shape, apply
+from fusionnet.errors import InputError
+from fusionnet.evaluation.policy import PolicyEvaluation, evaluate
+from fusionnet.policy import Servo, block_shift
+from fusionnet.simulation import joint_targets
+
+RED = Block(Color.RED, Shape.CUBE, Cell(3, 3, 0))
+BLUE = Block(Color.BLUE, Shape.CUBE, Cell(5, 5, 0))
+LAYOUT = Layout((RED, BLUE))
+SENTENCE = "put the red cube on the blue cube"
+
+
+@pytest.mark.parametrize("shift", [(0.008, 0.0), (0.0, -0.009), (-0.006, 0.006)])
+def test_a_displaced_block_is_found_to_a_few_millimetres(shift):
+    world = make_world(layout=LAYOUT, shifts=np.array([shift, (0.0, 0.0)]))
+    sight = load_policy("compact").detector.see(world.image("left_eye"))
+    middle = (np.array(RED.cell) + 0.5) * BLOCK_SIZE
+    found = block_shift(sight, RED.class_index, middle)
+    assert found is not None
+    assert np.linalg.norm(found - shift) < 0.004
+    assert (
+        block_shift(sight, Block(Color.CYAN, Shape.CUBE, Cell(3, 3, 0)).class_index, middle) is None
+    )
+
+
+def test_the_arm_goes_where_the_second_look_says():
+    move = Move(RED.cell, Cell(6, 2, 0), begins_held=False, ends_held=False)
+    targets, expected = joint_targets("nico", move), apply(move, LAYOUT)
+    shifts = np.array([(0.0095, 0.0095), (0.0, 0.0)])
+    assert not make_world(layout=LAYOUT, shifts=shifts).execute(targets, expected=expected).success
+    asked = []
+
+    def told(phase, rise, world):
+        asked.append((phase, rise))
+        shift = np.array([*shifts[0], 0.0]) if phase == "grasp" else np.zeros(3)
+        return world.robot.robot_from_board[:3, :3] @ shift
+
+    world = make_world(layout=LAYOUT, shifts=shifts)
+    episode = world.execute(targets, expected=expected, look_again=told)
+    assert episode.success, episode.reason
+    assert [phase for phase, _ in asked] == ["grasp", "place"]
+    assert asked[1][1] == pytest.approx(0.03, abs=0.003)
+    assert "look" in [phase.name for phase in episode.phases]
+
+
+def test_a_policy_that_looks_again_grasps_a_block_out_of_its_cell():
+    shifts = np.array([(0.0095, 0.0095), (0.0, 0.0)])
+    policy = load_policy("compact")
+    world = make_world(layout=LAYOUT, shifts=shifts)
+    answer = policy(world.image("left_eye"), SENTENCE)
+    expected = apply(answer.move, LAYOUT)
+    episode = world.execute(answer, expected=expected, look_again=Servo(policy, answer))
+    assert episode.success, episode.reason
+
+
+def test_an_evaluation_displaces_and_disturbs_alike_with_and_without_the_loop():
+    reports = [
+        evaluate(
+            PolicyEvaluation(
+                corpus="examples", episodes=2, displaced=5.0, joint_noise=0.3, closed_loop=loop
+            )
+        )
+        for loop in (False, True)
+    ]
+    assert [r.command for r in reports[0].records] == [r.command for r in reports[1].records]
+    numbers = reports[1].as_json()
+    assert numbers["closed_loop"] and numbers["displaced_mm"] == 5.0
+    with pytest.raises(InputError, match="shape"):
+        make_world(layout=LAYOUT, shifts=np.zeros((1, 2)))
