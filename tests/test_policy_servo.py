@@ -1,5 +1,7 @@
 """Looking again: where a displaced block is, and what the arm makes of it."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -7,7 +9,7 @@ from fusionnet import load_policy, make_world
 from fusionnet.blocks import BLOCK_SIZE, Block, Cell, Color, Layout, Move, Shape, apply
 from fusionnet.errors import InputError
 from fusionnet.evaluation.policy import PolicyEvaluation, evaluate
-from fusionnet.policy import Servo, block_shift
+from fusionnet.policy import Servo, block_shift, with_boxed_blocks
 from fusionnet.simulation import joint_targets
 
 RED = Block(Color.RED, Shape.CUBE, Cell(3, 3, 0))
@@ -73,3 +75,21 @@ def test_an_evaluation_displaces_and_disturbs_alike_with_and_without_the_loop():
     assert numbers["closed_loop"] and numbers["displaced_mm"] == 5.0
     with pytest.raises(InputError, match="shape"):
         make_world(layout=LAYOUT, shifts=np.zeros((1, 2)))
+
+
+@pytest.mark.parametrize("shift", [(0.0, 0.0), (0.005, -0.005), (-0.007, 0.007), (0.0, 0.01)])
+def test_a_block_beside_its_cell_belongs_to_it(shift):
+    policy = load_policy("compact")
+    answer = policy(
+        make_world(layout=LAYOUT, shifts=np.array([shift, (0.0, 0.0)])).image("left_eye"), SENTENCE
+    )
+    assert answer.layout == LAYOUT
+    assert answer.move.source == RED.cell
+
+
+def test_a_box_that_no_free_cell_explains_adds_no_block():
+    sight = load_policy("compact").detector.see(make_world(layout=LAYOUT).image("left_eye"))
+    assert np.array_equal(with_boxed_blocks(sight).cells, sight.cells)
+    elsewhere = replace(sight.detected, xyxy=sight.detected.xyxy * 0.05)
+    moved = with_boxed_blocks(replace(sight, detected=elsewhere))
+    assert np.array_equal(moved.cells, sight.cells)

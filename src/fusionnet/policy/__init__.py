@@ -3,6 +3,7 @@
 from fusionnet.policy._answer import LEAST_SCORE, Answer, Detection, Pose
 from fusionnet.policy._check import FARTHEST, disagreement
 from fusionnet.policy._eyes import both_seen
+from fusionnet.policy._placing import block_shift, with_boxed_blocks
 from fusionnet.policy._policy import (
     SHIPPED,
     Kind,
@@ -11,7 +12,7 @@ from fusionnet.policy._policy import (
     load_policy,
     weights_folder,
 )
-from fusionnet.policy._servo import Servo, block_shift
+from fusionnet.policy._servo import Servo
 
 __all__ = [
     "FARTHEST",
@@ -29,4 +30,5 @@ __all__ = [
     "disagreement",
     "load_policy",
     "weights_folder",
+    "with_boxed_blocks",
 ]

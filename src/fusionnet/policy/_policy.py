@@ -28,6 +28,7 @@ from fusionnet.models.translator import Reading, Translator
 from fusionnet.policy._answer import Answer, Pose, detections
 from fusionnet.policy._check import refuse_doubtful
 from fusionnet.policy._eyes import both_seen
+from fusionnet.policy._placing import with_boxed_blocks
 from fusionnet.randomness import generator
 from fusionnet.robots import load as load_robot
 from fusionnet.simulation import joint_targets
@@ -104,7 +105,9 @@ class Policy:
             )
         milliseconds: dict[str, float] = {}
         with _stage(milliseconds, "see"):
-            sight = both_seen([e.see(p) for e, p in zip(eyes, pictures, strict=False)])
+            sight = with_boxed_blocks(
+                both_seen([e.see(p) for e, p in zip(eyes, pictures, strict=False)])
+            )
         with _stage(milliseconds, "read"):
             readings = self.translator.translate(
                 sentence, holding=sight.holding > 0.5, beam=self.beam

@@ -14,29 +14,14 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Float
 
-from fusionnet.blocks import BLOCK_SIZE, Block, Cell, Color, Shape
-from fusionnet.geometry import PinholeCamera, PointBehindCameraError
-from fusionnet.models.retinanet import Sight
+from fusionnet.blocks import BLOCK_SIZE, Cell
 from fusionnet.policy._answer import Answer
+from fusionnet.policy._placing import block_shift
 from fusionnet.policy._policy import Policy
 from fusionnet.simulation import World
-from fusionnet.simulation.tabletop import BlockPoses, drawn_corners
-
-FARTHEST_SHIFT = 0.022
-"""A block seen farther from its place is another block, in metres."""
 
 LEAST_SHIFT = 0.002
 """Smaller displacements are within the error of looking, in metres."""
-
-LEAST_SCORE = 0.3
-"""Of a detection that is believed."""
-
-WIDTHS = (0.85, 1.18)
-"""Widths of the box, as shares of the expected: outside, something hides a part of the block."""
-
-_STEP = 1e-3
-_COLORS = tuple(Color)
-_SHAPES = tuple(Shape)
 
 
 class Servo:
@@ -66,54 +51,3 @@ class Servo:
         along = np.append(shift if phase == "grasp" else -shift, 0.0)
         moved: np.ndarray = self.policy.robot.robot_from_board[:3, :3] @ along
         return moved
-
-
-def block_shift(
-    sight: Sight, kind: int, place: Float[np.ndarray, "3"]
-) -> Float[np.ndarray, "2"] | None:
-    """How far a block is from where it should be, along x and y of the board (metres).
-
-    Args:
-        sight: Its detections are compared.
-        kind: Class of the block.
-        place: Middle of the block where it should be, in the board frame (metres).
-
-    Returns:
-        None if it is not seen near there, or only a part of it.
-    """
-    camera = sight.camera
-    try:
-        expected = _marks(camera, kind, place)
-        slopes = [
-            (_marks(camera, kind, place + step) - expected)[:2] / 1e-3
-            for step in np.eye(3)[:2] * 1e-3
-        ]
-    except PointBehindCameraError:
-        return None
-    jacobian = np.array(slopes).T
-    detected = sight.detected
-    believed = (detected.classes == kind) & (detected.scores >= LEAST_SCORE)
-    boxes = detected.xyxy[believed].double().numpy()
-    if not len(boxes):
-        return None
-    marks = np.column_stack([boxes[:, [0, 2]].mean(axis=1), boxes[:, 3], boxes[:, 2] - boxes[:, 0]])
-    shifts = np.linalg.solve(jacobian, (marks - expected)[:, :2].T).T
-    distances = np.linalg.norm(shifts, axis=1)
-    nearest = int(distances.argmin())
-    width = marks[nearest, 2] / expected[2]
-    if distances[nearest] > FARTHEST_SHIFT or not WIDTHS[0] <= width <= WIDTHS[1]:
-        return None
-    shift: np.ndarray = shifts[nearest]
-    return shift
-
-
-def _marks(
-    camera: PinholeCamera, kind: int, place: Float[np.ndarray, "3"]
-) -> Float[np.ndarray, "3"]:
-    """Middle of the sides, lower edge, and width of a block's box, in pixels of the picture."""
-    shape = _SHAPES[kind // len(_COLORS)]
-    block = Block(_COLORS[kind % len(_COLORS)], shape, Cell(0, 0, 0))
-    corners = drawn_corners((block,), BlockPoses(place[None], np.eye(3)[None]))[0]
-    pixels = camera.project(corners) + 0.5  # boxes speak of edges
-    low, high = pixels.min(axis=0), pixels.max(axis=0)
-    return np.array([(low[0] + high[0]) / 2, high[1], high[0] - low[0]])
