@@ -11,7 +11,6 @@ from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal
 
-import cv2
 import numpy as np
 import torch
 import tyro
@@ -31,6 +30,7 @@ from fusionnet.randomness import derived_seed, generator
 from fusionnet.simulation import SceneRenderer
 from fusionnet.training.empty_pictures import empty_picture
 from fusionnet.training.loop import LoopConfig, Progress, fit
+from fusionnet.training.picture_variation import varied
 
 log = logging.getLogger(__name__)
 
@@ -244,15 +244,8 @@ def batches(
             chosen = [pictures[int(i)] for i in order[start : start + size]]
             shape = (chosen[0][0].shape[1], chosen[0][0].shape[0])
             chosen += [empty_picture(rng, shape) for _ in range(empty)]
-            yield collate([(_vary(image, rng), labels) for image, labels in chosen], rng)
+            yield collate([varied(image, labels, rng) for image, labels in chosen], rng)
             step += 1
-
-
-def _vary(image: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """Small changes of brightness and of the sensor, anew in every epoch."""
-    gain = rng.uniform(0.9, 1.1) * rng.uniform(0.97, 1.03, 3)
-    table = np.clip(np.arange(256)[:, None] * gain + rng.uniform(-8, 8), 0, 255).astype(np.uint8)
-    return cv2.LUT(image, table[:, None])
 
 
 def detector_losses(
