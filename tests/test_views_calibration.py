@@ -2,6 +2,7 @@
 
 import json
 import shutil
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -14,10 +15,11 @@ from fusionnet.geometry import invert, vector_from_rotation
 from fusionnet.geometry.fisheye import FisheyeLens
 from fusionnet.randomness import generator
 from fusionnet.simulation import SceneRenderer
-from fusionnet.views import load_views
+from fusionnet.views import EnvironmentalView, load_views
 from fusionnet.views.calibration import calibrate
 from fusionnet.views.checkerboard import Checkerboard
 from fusionnet.views.importing import choose, import_views, set_aside
+from fusionnet.views.lighting import estimate_light
 from fusionnet.views.photographing import (
     EYE_POSITION,
     chosen_views,
@@ -39,6 +41,7 @@ from fusionnet.views.rooms import (
 )
 
 SIZE = (480, 270)
+MIDDLE = np.array([0.105, 0.105, 0.0])
 
 
 @pytest.fixture(scope="module")
@@ -152,6 +155,27 @@ def test_the_pose_in_an_undistorted_picture_is_that_of_its_corners(calibration):
     )
     apart = turned[:3, :3] @ view.camera_from_board[:3, :3].T
     assert np.degrees(np.linalg.norm(vector_from_rotation(apart))) < 0.3
+
+
+def test_a_lamp_near_by_is_found_on_its_side():
+    side = 2.0
+    out = np.array([0.7 * np.cos(side), 0.7 * np.sin(side), 0.714])
+    room = replace(ROOMS[1], lamp=tuple(out), lamp_distance=0.5)
+    photographer, pose = RoomPhotographer(room, SIZE), looking_at(MIDDLE, 0.4, 0.8, 0.6, 0.0)
+    lens = photographer.lens
+    picture = photographer.take(pose, generator(0, "lamp"))
+    photographer.close()
+    view = EnvironmentalView(
+        name="lamp",
+        environment="lamp",
+        part="train",
+        image=lens.undistort(picture, lens.matrix),
+        matrix=lens.matrix,
+        camera_from_board=pose,
+    )
+    found = estimate_light(view).light_direction
+    turn = np.arctan2(-found[1], -found[0]) - side
+    assert abs(np.degrees((turn + np.pi) % (2 * np.pi) - np.pi)) < 10.0
 
 
 def test_photographs_are_the_same_again_and_kept_when_there(room, tmp_path):

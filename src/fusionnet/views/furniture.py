@@ -22,14 +22,29 @@ _LIGHTS = {
 }
 
 
-def add_room(spec: mujoco.MjSpec, lighting: str, light_direction: Float[np.ndarray, "3"]) -> None:
-    """Floor, four walls, a dado, and the lamps of a lighting (the main one throws shadows)."""
+def add_room(
+    spec: mujoco.MjSpec,
+    lighting: str,
+    light_direction: Float[np.ndarray, "3"],
+    lamp_distance: float | None = None,
+) -> None:
+    """Floor, four walls, a dado, and the lamps of a lighting (the main one throws shadows).
+
+    A lamp at a distance (metres) shines weaker the farther from it, and on the grid's middle as
+    one far away does.
+    """
     lamp, window, ambient = _LIGHTS[lighting]
     main = spec.worldbody.add_light()
     main.type = mujoco.mjtLightType.mjLIGHT_DIRECTIONAL
     main.dir, main.pos = light_direction, _MIDDLE - light_direction
     main.diffuse, main.specular = np.array(lamp), 0.3 * np.array(lamp)
     main.ambient, main.castshadow = np.array(ambient), True
+    if lamp_distance is not None:
+        main.type = mujoco.mjtLightType.mjLIGHT_SPOT
+        main.cutoff, main.exponent = 90.0, 0.0
+        main.pos = _MIDDLE - lamp_distance * light_direction
+        main.attenuation = np.array([0.0, 0.0, lamp_distance**-2])
+        main.castshadow = False
     second = spec.worldbody.add_light()
     second.type = mujoco.mjtLightType.mjLIGHT_DIRECTIONAL
     second.dir = np.array([-0.2, -0.75, -0.63])

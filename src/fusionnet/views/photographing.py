@@ -90,7 +90,7 @@ def photograph_rooms(
         settings = {"size": list(size), "seed": seed, "count": count}
         _check_settings(place, settings)
         names = photograph_names(room, count)
-        poses = {name: _pose(room, name, size, seed) for name in names}
+        poses = {name: photograph_pose(room, name, size, seed) for name in names}
         truth = {
             **settings,
             "matrix": lens_of(room, size).matrix.tolist(),
@@ -138,7 +138,10 @@ EYE_POSITION = np.array([-0.1636, 0.0775, 0.2969])
 """NICO's left eye in the frame of the grid, in metres; a test compares it with the robot's."""
 
 
-def _pose(room: Room, name: str, size: tuple[int, int], seed: int) -> Float[np.ndarray, "4 4"]:
+def photograph_pose(
+    room: Room, name: str, size: tuple[int, int], seed: int
+) -> Float[np.ndarray, "4 4"]:
+    """The true `camera_from_board` of a room's photograph, by its name without suffix."""
     rng = generator(seed, "pose", room.name, name)
     if name in FIRST_VIEWS:
         return next(view_poses(room, size, rng))

@@ -51,6 +51,9 @@ class Room:
         lighting: Bright, dim, or mixed (a warm lamp and a cool window).
         distractors: Whether toys and fruit lie around the board.
         focus: Factor on the focal length: refocusing a lens changes it.
+        lamp: Where the main lamp is seen from the grid's middle, a direction; by default
+            the lighting's own.
+        lamp_distance: Of the main lamp from there, in metres; None is far away, like the sun.
     """
 
     name: str
@@ -58,12 +61,15 @@ class Room:
     lighting: Literal["bright", "dim", "mixed"]
     distractors: bool
     focus: float
+    lamp: tuple[float, float, float] | None = None
+    lamp_distance: float | None = None
 
     @property
     def light_direction(self) -> Float[np.ndarray, "3"]:
         """Of the main lamp's rays, of length 1, in the frame of the grid."""
         rays = {"bright": (0.35, -0.30, -0.89), "dim": (-0.25, 0.45, -0.86)}
         ray = np.array(rays.get(self.lighting, (0.50, 0.40, -0.77)))
+        ray = ray if self.lamp is None else -np.array(self.lamp)
         return ray / np.linalg.norm(ray)
 
 
@@ -113,7 +119,7 @@ class RoomPhotographer:
         visual.map.znear, visual.map.zfar, visual.map.shadowclip = 0.02, 12.0, 0.6
         visual.headlight.active = False
         spec.stat.extent = 1.0
-        add_room(spec, room.lighting, room.light_direction)
+        add_room(spec, room.lighting, room.light_direction, room.lamp_distance)
         add_table(spec, room.table)
         _add_board(spec)
         if room.distractors:

@@ -1,0 +1,195 @@
+"""How near calibration, poses and the estimated light come to the truth.
+
+    MUJOCO_GL=egl OMP_NUM_THREADS=1 python benchmarks/views.py --photographs FOLDER
+
+prints three things as JSON. Photographs (with `--photographs`, of a board of 10 x 7 squares of
+2.5 cm, OpenCV's samples): the calibration's reprojection error, and its focal length against
+`cv2.calibrateCamera`'s own. Rooms' light: the
+lamp that an overlay estimates in the fifteen shipped views, whose lamp is known and far away, so
+that the board is evenly bright. Near lamps: the same with a lamp half a metre from the board.
+"""
+
+import json
+import os
+import platform
+import subprocess
+import time
+from dataclasses import dataclass
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import tyro
+
+from fusionnet.geometry import invert
+from fusionnet.randomness import generator
+from fusionnet.views import EnvironmentalView, load_views
+from fusionnet.views.calibration import calibrate
+from fusionnet.views.checkerboard import Checkerboard
+from fusionnet.views.importing import import_views
+from fusionnet.views.lighting import estimate_light
+from fusionnet.views.photographing import photograph_names, photograph_pose
+from fusionnet.views.photographs import find_boards
+from fusionnet.views.pose import GridPlacement, facing
+from fusionnet.views.rooms import BOARD, PLACEMENT, ROOMS, Room, RoomPhotographer, view_poses
+
+ROOM = {room.name: room for room in ROOMS}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Config:
+    """What to measure.
+
+    Attributes:
+        photographs: Folder of real photographs; left out, only rooms are measured.
+        lamps: Places of a near lamp, around the board.
+        seed: Of the cameras' poses.
+    """
+
+    photographs: Path | None = None
+    lamps: int = 12
+    seed: int = 0
+
+
+def photographs_against_opencv(folder: Path) -> dict[str, Any]:
+    """Reprojection error and focal lengths of real photographs."""
+    board = Checkerboard(10, 7, 0.025)
+    environment = find_boards(folder, board)
+    calibration = calibrate([environment], board)
+    seen = [
+        np.asarray(photograph.corners, np.float32)[:, None] for photograph in environment.usable
+    ]
+    points = [board.points.astype(np.float32)] * len(seen)
+    error, matrix, *_ = cv2.calibrateCamera(points, seen, environment.size, None, None)
+    ours, theirs = calibration.matrix[[0, 1], [0, 1]], matrix[[0, 1], [0, 1]]
+    return {
+        "used": len(environment.usable),
+        "of": len(environment.photographs),
+        "mean_reprojection_error_px": round(calibration.mean_error, 4),
+        "focal_lengths_px": ours.round(2).tolist(),
+        "focal_lengths_by_calibrateCamera_px": theirs.round(2).tolist(),
+        "reprojection_error_by_calibrateCamera_px": round(float(error), 4),
+        "focal_lengths_apart_percent": round(100 * float(np.abs(ours / theirs - 1).max()), 3),
+        "showing_the_whole_grid": len(import_views(calibration).views),
+    }
+
+
+def lamp_error(view: EnvironmentalView, ray: np.ndarray) -> dict[str, float]:
+    """How far the estimated lamp is from the true one.
+
+    Args:
+        view: With the lamp's light on its board.
+        ray: The lamp's direction of shining, in the view's own grid.
+    """
+    found = estimate_light(view).light_direction
+    found, true = found / np.linalg.norm(found), ray / np.linalg.norm(ray)
+    sides = [np.arctan2(each[1], each[0]) for each in (found, true)]
+    turn = (sides[0] - sides[1] + np.pi) % (2 * np.pi) - np.pi
+    return {
+        "side_degrees": abs(float(np.degrees(turn))),
+        "height_degrees": abs(float(np.degrees(np.arcsin(-found[2]) - np.arcsin(-true[2])))),
+        "angle_degrees": float(np.degrees(np.arccos(np.clip(found @ true, -1, 1)))),
+    }
+
+
+def turned(ray: np.ndarray, quarter_turns: int) -> np.ndarray:
+    """A direction of the rooms' grid in that of a view, whose x points away from its camera."""
+    turn = GridPlacement(quarter_turns=quarter_turns).pattern_from_board(BOARD)
+    return (invert(turn) @ PLACEMENT.pattern_from_board(BOARD))[:3, :3] @ ray
+
+
+def shipped_rooms() -> list[dict[str, float]]:
+    """Errors in the fifteen views: lamps far away."""
+    found = []
+    truth = {room: _poses(ROOM[room]) for room in ROOM}
+    for view in load_views("rooms"):
+        pose = truth[view.environment][view.name.removeprefix(f"{view.environment}-")]
+        ray = ROOM[view.environment].light_direction
+        found.append(lamp_error(view, turned(ray, facing(pose))))
+    return found
+
+
+def _poses(room: Room) -> dict[str, np.ndarray]:
+    return {
+        name: photograph_pose(room, name, (960, 540), 0)
+        for name in photograph_names(room, 10)
+        if not name.isdecimal()
+    }
+
+
+def near_lamps(count: int, seed: int) -> list[dict[str, float]]:
+    """Errors with a lamp half a metre from the grid's middle, on the white and the black table."""
+    found = []
+    for index in range(count):
+        rng = generator(seed, "lamp", index)
+        side, height = 2 * np.pi * index / count, np.deg2rad(rng.uniform(35, 65))
+        out = np.array(
+            [np.cos(height) * np.cos(side), np.cos(height) * np.sin(side), np.sin(height)]
+        )
+        room = Room(
+            name=f"lamp-{index}",
+            table="round-white" if index % 2 else "rectangular-black",
+            lighting="dim",
+            distractors=False,
+            focus=1.0,
+            lamp=tuple(out),
+            lamp_distance=0.5,
+        )
+        photographer = RoomPhotographer(room)
+        pose = next(view_poses(room, photographer.lens.size, rng))
+        image = photographer.lens.undistort(photographer.take(pose, rng), photographer.lens.matrix)
+        photographer.close()
+        quarter = facing(pose)
+        placed = GridPlacement(quarter_turns=quarter).pattern_from_board(BOARD)
+        view = EnvironmentalView(
+            name=room.name,
+            environment=room.name,
+            part="train",
+            image=image,
+            matrix=photographer.lens.matrix,
+            camera_from_board=pose @ invert(PLACEMENT.pattern_from_board(BOARD)) @ placed,
+        )
+        found.append(lamp_error(view, turned(room.light_direction, quarter)))
+    return found
+
+
+def summary(errors: list[dict[str, float]]) -> dict[str, Any]:
+    """Mean and largest of each error."""
+    return {
+        "views": len(errors),
+        **{
+            name: {
+                "mean": round(float(np.mean([each[name] for each in errors])), 1),
+                "largest": round(max(each[name] for each in errors), 1),
+            }
+            for name in errors[0]
+        },
+    }
+
+
+def measure(config: Config) -> dict[str, Any]:
+    """All of it, and what it was measured with."""
+    begun = time.perf_counter()
+    real = photographs_against_opencv(config.photographs) if config.photographs else None
+    return {
+        "photographs": real,
+        "light_of_rooms": summary(shipped_rooms()),
+        "light_of_near_lamps": summary(near_lamps(config.lamps, config.seed)),
+        "command": "python benchmarks/views.py --photographs FOLDER",
+        "seed": config.seed,
+        "duration_seconds": round(time.perf_counter() - begun, 1),
+        "commit": subprocess.run(
+            ["git", "rev-parse", "--short", "HEAD"], capture_output=True, text=True, check=False
+        ).stdout.strip(),
+        "machine": {
+            "processor": platform.processor() or platform.machine(),
+            "cores": os.cpu_count(),
+        },
+        "versions": {name: version(name) for name in ("mujoco", "numpy", "opencv-python-headless")},
+    }
+
+
+if __name__ == "__main__":
+    print(json.dumps(measure(tyro.cli(Config)), indent=1))
