@@ -68,8 +68,8 @@ class DetectorConfig:
     empty: int = 1
     loop: LoopConfig = field(
         default_factory=lambda: LoopConfig(
-            steps=2600,
-            learning_rate=2e-3,
+            steps=2700,
+            learning_rate=1.5e-3,
             average=0.998,
             precision="bf16-mixed",
             loss_weights=LOSS_WEIGHTS,
