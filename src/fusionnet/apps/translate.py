@@ -73,7 +73,7 @@ class TranslateConfig:
     """A file (.png or .svg) to draw into where the translator looked while it wrote."""
 
     checkpoint: Path | None = None
-    """Folder of a translator, or a shipped name: compact (the default) or thesis."""
+    """Folder of a translator, or the shipped name compact (the default)."""
 
     json: bool = False
     """Print one JSON object (a line each for standard input)."""

@@ -35,7 +35,7 @@ class TranslationEvaluation:
         corpus: Where the commands come from.
         data: Folder of the corpus.
         split: Which of its commands; "all" for a corpus that was never learnt from.
-        checkpoint: Folder of the translator, or a shipped name: compact (the default), thesis.
+        checkpoint: Folder of the translator, or the shipped name compact (the default).
         beam: Width of the search.
         skip_bad: Leave unreadable records out instead of refusing the whole corpus.
         perturbations: How many of the eight perturbations each sentence suffers, 0 to 8.

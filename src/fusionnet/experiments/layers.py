@@ -121,5 +121,6 @@ EXPERIMENT = Experiment(
         ),
     ),
     caution="The thesis states one of the figure's numbers. The cross-entropies of the two cannot "
-    "be compared: other data, other tokens, fewer steps.",
+    "be compared: other data, other tokens, fewer steps. At small the networks have hardly begun "
+    "to look at the sentence; what differs is how fast they learn the language of trees.",
 )

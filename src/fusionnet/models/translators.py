@@ -14,7 +14,7 @@ KINDS: dict[str, type[translator.Translator] | type[transformer.Transformer]] = 
 }
 """A checkpoint says its kind; the class that reads it."""
 
-SHIPPED = ("compact", "thesis")
+SHIPPED = ("compact",)
 """Names of the translators in this package."""
 
 
