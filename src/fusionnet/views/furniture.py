@@ -78,7 +78,7 @@ def add_table(spec: mujoco.MjSpec, kind: str) -> None:
         foot = _geom(spec, _GEOM.mjGEOM_CYLINDER, _MIDDLE - [0, 0, legs], (0.7, 0.7, 0.7))
         foot.size = np.array([0.04, legs - 0.03, 0.0])
         return
-    top = _box(spec, _MIDDLE - [0, 0, 0.0135], (0.36, 0.55, 0.0125), (0.055, 0.055, 0.06))
+    _box(spec, _MIDDLE - [0, 0, 0.0135], (0.36, 0.55, 0.0125), (0.055, 0.055, 0.06))
     for x in (-0.32, 0.32):
         for y in (-0.5, 0.5):
             at = _MIDDLE + [x, y, -legs]
