@@ -3,12 +3,14 @@
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 import tyro
 from rich.console import Console
 from rich.table import Table
 
+from fusionnet.apps.gallery import Gallery
 from fusionnet.apps.progress import bars
 from fusionnet.evaluation.detection import DetectionEvaluation
 from fusionnet.evaluation.detection import evaluate as evaluate_detection
@@ -16,6 +18,7 @@ from fusionnet.evaluation.policy import PolicyEvaluation
 from fusionnet.evaluation.policy import evaluate as evaluate_policy
 from fusionnet.evaluation.translation import TranslationEvaluation
 from fusionnet.evaluation.translation import evaluate as evaluate_translation
+from fusionnet.files import write_whole
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -23,6 +26,8 @@ class PolicyConfig:
     """What to measure, and how to print it."""
 
     what: tyro.conf.OmitArgPrefixes[PolicyEvaluation] = field(default_factory=PolicyEvaluation)
+    gallery: Path | None = None
+    """A page (.html) to write, with a card for every episode that failed."""
     json: bool = False
     """Print one JSON object instead of the table."""
 
@@ -50,9 +55,17 @@ class DetectorConfig:
 
 
 def policy(config: PolicyConfig) -> None:
-    """Measure how often a policy's answer, executed in the simulator, does what was asked."""
+    """Measure how often a policy's answer, executed in the simulator, does what was asked.
+
+    Failures are counted by what is to blame: read wrong, saw wrong, pointed wrong, slipped.
+    """
+    gallery = Gallery()
+    if config.gallery is not None:  # fail before any work is done
+        write_whole(config.gallery, "")
     with bars() as bar:
-        report = evaluate_policy(config.what, progress=bar("episodes"))
+        report = evaluate_policy(config.what, progress=bar("episodes"), watch=gallery)
+    if config.gallery is not None:
+        write_whole(config.gallery, gallery.page(report.as_json()))
     _show("policy", report.as_json(), as_json=config.json)
 
 

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, UInt8
 
 from fusionnet.blocks import BLOCK_SIZE, Layout, Move, apply, plan
 from fusionnet.corpora import Command, load_corpus
@@ -93,6 +93,25 @@ class EpisodeRecord:
     milliseconds: float
 
 
+@dataclass(frozen=True, eq=False)
+class Watched:
+    """One episode with all that it came from, for those who look closer.
+
+    Attributes:
+        record: What became of it.
+        command: What was asked, in which scene.
+        wanted: The move that was asked for.
+        image: What the left eye saw.
+        answer: What the policy answered; None if it refused.
+    """
+
+    record: EpisodeRecord
+    command: Command
+    wanted: Move
+    image: UInt8[np.ndarray, "h w 3"]
+    answer: Answer | None
+
+
 @dataclass
 class PolicyReport:
     """All episodes of one evaluation.
@@ -144,9 +163,17 @@ class PolicyReport:
 
 
 def evaluate(
-    config: PolicyEvaluation, *, progress: Callable[[int, int], None] | None = None
+    config: PolicyEvaluation,
+    *,
+    progress: Callable[[int, int], None] | None = None,
+    watch: Callable[[Watched], None] | None = None,
 ) -> PolicyReport:
     """Answer and execute the drawn commands.
+
+    Args:
+        config: What to measure.
+        progress: Called with episodes done, of how many.
+        watch: Called with every episode.
 
     Raises:
         InputError: If no episodes are asked for, or the part has no commands.
@@ -161,15 +188,16 @@ def evaluate(
     for index in range(config.episodes):
         round_number, row = divmod(index, len(commands))
         order = generator(config.seed, "episodes", round_number).permutation(len(commands))
-        report.records.append(_episode(policy, commands[order[row]], config, index))
+        watched = _episode(policy, commands[order[row]], config, index)
+        report.records.append(watched.record)
+        if watch is not None:
+            watch(watched)
         if progress is not None:
             progress(index + 1, config.episodes)
     return report
 
 
-def _episode(
-    policy: Policy, command: Command, config: PolicyEvaluation, index: int
-) -> EpisodeRecord:
+def _episode(policy: Policy, command: Command, config: PolicyEvaluation, index: int) -> Watched:
     before = command.scene.before
     look = Appearance.sample(
         generator(config.seed, "look", config.split, index), strength=config.strength
@@ -190,7 +218,8 @@ def _episode(
     except (NotUnderstoodError, PlanningError, DoubtError) as error:
         milliseconds = 1000 * (time.perf_counter() - began)
         blame = _blame_refusal(error, policy, command, after)
-        return EpisodeRecord(command.id, blame, str(error), None, None, None, milliseconds)
+        refused = EpisodeRecord(command.id, blame, str(error), None, None, None, milliseconds)
+        return Watched(refused, command, wanted, images[0], None)
     milliseconds = 1000 * (time.perf_counter() - began)
     episode = world.execute(
         _disturbed(policy.robot, answer, config, index),
@@ -198,13 +227,14 @@ def _episode(
         look_again=Servo(policy, answer) if config.closed_loop else None,
     )
     outcome: Outcome = "reached" if episode.success else _blame(answer, wanted, before, after)
-    return EpisodeRecord(
+    record = EpisodeRecord(
         command.id,
         outcome,
         episode.reason,
         *joint_errors(policy.robot, answer.targets, joint_targets(policy.robot, wanted)),
         milliseconds,
     )
+    return Watched(record, command, wanted, images[0], answer)
 
 
 def _displacements(

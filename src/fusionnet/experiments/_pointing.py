@@ -21,7 +21,7 @@ from torch.nn.functional import cross_entropy
 
 from fusionnet.blocks.grid import GRID
 from fusionnet.experiments._pointing_task import PointingSet
-from fusionnet.models import backbones
+from fusionnet.models.heads.camera_pose import sample
 from fusionnet.models.heads.occupancy import EMPTY
 from fusionnet.models.target_text import END, START
 from fusionnet.models.transformer_network import (
@@ -36,6 +36,14 @@ WIDTH = 32
 """Features of a cell, and of a question."""
 
 CELLS = GRID**3
+
+
+def _convolution(source: int, target: int, stride: int) -> nn.Sequential:
+    return nn.Sequential(
+        nn.Conv2d(source, target, 3, stride=stride, padding=1, bias=False),
+        nn.BatchNorm2d(target),
+        nn.ReLU(inplace=True),
+    )
 
 
 @dataclass
@@ -62,27 +70,24 @@ class PointingNet(nn.Module):
     def __init__(self, learnt: PointingSet, *, occupancy: bool, tree: bool) -> None:
         super().__init__()
         self.occupancy, self.tree = occupancy, tree
+        self.pixels: Tensor
         self.source = Vocabulary.of(learnt.sentences)
         self.target = Vocabulary.of([[START, END], *learnt.trees])
-        self.backbone = backbones.load("tiny")()
-        fine, middle, _ = self.backbone.channels
-        self.columns = nn.Sequential(
-            nn.Conv2d(fine + middle, 64, 3, padding=1),
-            nn.ReLU(inplace=True),
-            nn.AdaptiveAvgPool2d(2 * GRID),
-            nn.Conv2d(64, 64, 3, padding=1, stride=2),
-            nn.ReLU(inplace=True),
-            nn.Conv2d(64, 64, 3, padding=1),
-            nn.ReLU(inplace=True),
-        )
-        self.cells = nn.Conv2d(64, GRID * WIDTH, 1)
+        self.fine = nn.Sequential(_convolution(3, 16, 2), _convolution(16, 24, 1))
+        self.coarse = nn.Sequential(_convolution(24, 32, 2), _convolution(32, 32, 1))
+        pixels = torch.from_numpy(learnt.pixels).float()
+        self.register_buffer("pixels", pixels.flatten(0, 1), persistent=False)
+        self.gather = nn.Linear((24 + 32) * pixels.shape[1], WIDTH)
         self.place = nn.Parameter(0.1 * torch.randn(CELLS, WIDTH))
+        self.around = nn.Conv3d(WIDTH, WIDTH, 3, padding=1)
         self.classify = nn.Linear(WIDTH, EMPTY + 1)
+        with torch.no_grad():
+            self.classify.bias[EMPTY] = 5.0  # most cells are empty
         self.transformer = TransformerNetwork(
             TransformerConfig(
                 source_words=len(self.source),
                 target_words=len(self.target),
-                layers=2,
+                layers=1,
                 heads=2,
                 feed_forward_size=128,
                 longest=32,
@@ -109,14 +114,16 @@ class PointingNet(nn.Module):
         )
 
     def look(self, images: UInt8[Tensor, "b h w 3"]) -> Float[Tensor, "b 512 w"]:
-        """Features of every cell."""
+        """Features of every cell, from the pixels where it appears and from its neighbours."""
+        size = (images.shape[2], images.shape[1])
         pixels = images.permute(0, 3, 1, 2).float() / 127.5 - 1.0
-        fine, middle, _ = self.backbone(pixels.contiguous(memory_format=torch.channels_last))
-        grown = nn.functional.interpolate(middle, size=fine.shape[-2:], mode="nearest")
-        # the lower right of the picture is cell (0, 0), where x and y are least
-        columns = self.columns(torch.cat([fine, grown], dim=1)).flip(2, 3)
-        cells = self.cells(columns).unflatten(1, (GRID, WIDTH)).permute(0, 3, 4, 1, 2)
-        return cells.flatten(1, 3) + self.place
+        fine = self.fine(pixels.contiguous(memory_format=torch.channels_last))
+        where = self.pixels.expand(len(images), -1, -1)
+        found = torch.cat([sample(m, where, size) for m in (fine, self.coarse(fine))], dim=1)
+        points = found.unflatten(2, (CELLS, -1)).permute(0, 2, 1, 3).flatten(2)
+        cells = torch.relu(self.gather(points) + self.place)
+        grid = cells.transpose(1, 2).unflatten(2, (GRID, GRID, GRID))
+        return cells + torch.relu(self.around(grid)).flatten(2).transpose(1, 2)
 
     def point(
         self,

@@ -13,11 +13,11 @@ from dataclasses import replace as replaced
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Int, UInt8
+from jaxtyping import Float, Int, UInt8
 
-from fusionnet.blocks import plan
+from fusionnet.blocks import BLOCK_SIZE, GRID, plan
 from fusionnet.corpora import Command, synthetic
-from fusionnet.dataset.pictures import EYE_FRAME, label
+from fusionnet.dataset.pictures import EYE_FRAME, Labels, label
 from fusionnet.files import write_whole
 from fusionnet.models.target_text import source_tokens, target_tokens
 from fusionnet.randomness import generator
@@ -27,8 +27,8 @@ from fusionnet.simulation.renderer import SceneRenderer
 
 FEWEST, MOST = 2, 5
 LONGEST = 12
-INPUT_SIZE = (176, 152)
-"""Width and height of the pictures, half of the compact detector's."""
+INPUT_SIZE = (132, 114)
+"""Width and height of the pictures."""
 
 _SEED = 7_000
 
@@ -40,6 +40,7 @@ class PointingSet:
     Attributes:
         commands: What is asked, in which scene.
         pictures: Through the left eye, cropped to the grid.
+        pixels: Where points of each cell appear to the eye in its nominal pose, in pixels.
         cells: Class of each of the 512 cells; 16 where there is no block.
         source, target: Index of the cell to grasp at and of the one to place at.
         sentences, trees: Their tokens.
@@ -47,6 +48,7 @@ class PointingSet:
 
     commands: list[Command]
     pictures: UInt8[np.ndarray, "n h w 3"]
+    pixels: Float[np.ndarray, "512 p 2"]
     cells: Int[np.ndarray, "n 512"]
     source: Int[np.ndarray, " n"]
     target: Int[np.ndarray, " n"]
@@ -70,11 +72,12 @@ def pointing_set(
     if not file.is_file():
         _render(file, commands, first, progress)
     with np.load(file, allow_pickle=False) as stored:
-        pictures, cells = stored["pictures"], stored["cells"]
+        pictures, pixels, cells = stored["pictures"], stored["pixels"], stored["cells"]
     moves = [plan(command.tree, command.scene.before) for command in commands]
     return PointingSet(
         commands=commands,
         pictures=pictures,
+        pixels=pixels,
         cells=cells,
         source=np.array([move.source.index for move in moves]),
         target=np.array([move.target.index for move in moves]),
@@ -126,6 +129,26 @@ def _render(
         cells.append(labels.cells)
         if progress is not None:
             progress(number + 1, len(commands))
+    _, nominal = label(renderer, commands[0].scene.before, Appearance(), frame)
     stream = io.BytesIO()
-    np.savez_compressed(stream, pictures=np.stack(pictures), cells=np.stack(cells))
+    np.savez_compressed(
+        stream,
+        pictures=np.stack(pictures),
+        pixels=_projected(nominal),
+        cells=np.stack(cells),
+    )
     write_whole(file, stream.getvalue())
+
+
+def _projected(labels: Labels) -> Float[np.ndarray, "512 p 2"]:
+    """Where the middle of each cell, of its top, its front and its sides appear."""
+    offsets = np.array(
+        [[0.5, 0.5, 0.5], [0.5, 0.5, 1.0], [0.0, 0.5, 0.5], [0.3, 0.0, 0.5], [0.3, 1.0, 0.5]]
+    )
+    axis = np.arange(GRID)
+    corners = np.stack(np.meshgrid(axis, axis, axis, indexing="ij"), axis=-1).reshape(-1, 1, 3)
+    points = (corners + offsets) * BLOCK_SIZE
+    pose = labels.camera_from_board
+    in_camera = points @ pose[:3, :3].T + pose[:3, 3]
+    projected = in_camera @ labels.matrix.T
+    return projected[..., :2] / projected[..., 2:]

@@ -86,19 +86,18 @@ def fusion_config(trial: Trial, **changes: Any) -> ThesisFusionConfig:
         sizes = replace(sizes, pyramid_width=16, subnet_depth=1, layers=1)
     if "nodes" in changes:
         sizes = replace(sizes, nodes=int(changes.pop("nodes")))
-    return replace(
-        config,
-        work=trial.state,
-        sizes=sizes,
-        check=("sim_val",),
-        checked=CHECKED[trial.scale],
-        episodes=EPISODES[trial.scale],
-        batch=4 if trial.scale == "smoke" else config.batch,
-        loop=loop,
-        seed=trial.seed,
-        threads=0 if trial.scale == "thesis" else 1,
-        **changes,
-    )
+    chosen: dict[str, Any] = {
+        "work": trial.state,
+        "sizes": sizes,
+        "check": ("sim_val",),
+        "checked": CHECKED[trial.scale],
+        "episodes": EPISODES[trial.scale],
+        "batch": 4 if trial.scale == "smoke" else config.batch,
+        "loop": loop,
+        "seed": trial.seed,
+        "threads": 0 if trial.scale == "thesis" else 1,
+    }
+    return replace(config, **(chosen | changes))
 
 
 def run_fusion(trial: Trial, config: ThesisFusionConfig) -> Outcome:
