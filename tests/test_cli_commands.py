@@ -103,12 +103,13 @@ NUMBERS = {
 @pytest.mark.parametrize("what", ["policy", "translator", "detector"])
 def test_measurements_are_json_or_a_table(what, monkeypatch, capsys) -> None:
     def fake(config, **_):
-        return NUMBERS if what != "policy" else SimpleNamespace(as_json=lambda: NUMBERS)
+        numbers = NUMBERS | ({"classes": {}} if what == "detector" else {})
+        return numbers if what != "policy" else SimpleNamespace(as_json=lambda: numbers)
 
     name = {"policy": "policy", "translator": "translation", "detector": "detection"}[what]
     monkeypatch.setattr(evaluate, f"evaluate_{name}", fake)
     assert main(["evaluate", what, "--split", "val", "--json"]) == 0
-    assert json.loads(capsys.readouterr().out) == NUMBERS
+    assert json.loads(capsys.readouterr().out).items() >= NUMBERS.items()
     assert main(["evaluate", what]) == 0
     table = capsys.readouterr().out
     assert "executed success" in table and "0.6667" in table and "0.2 to 0.94" in table
