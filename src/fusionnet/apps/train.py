@@ -51,7 +51,9 @@ def translator(config: TranslatorConfig | ThesisTranslatorConfig) -> dict[str, A
 TRANSLATOR_PRESETS = {"compact": TranslatorConfig, "thesis": ThesisTranslatorConfig}
 
 
-def fusion(config: FusionConfig | ThesisFusionConfig) -> dict[str, Any]:
+def fusion(
+    config: FusionConfig | ThesisFusionConfig | SmallThesisFusionConfig,
+) -> dict[str, Any]:
     """Train FusionNet: picture and sentence to the fourteen values.
 
     --preset compact (what we ship): the tree carried out on the layout that was seen.
