@@ -16,7 +16,7 @@ says nothing of crowded tables and long sentences.
 
 from collections.abc import Mapping
 from itertools import combinations
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import torch
@@ -126,7 +126,7 @@ def _point(trial: Trial) -> Outcome:
     history = fit(
         model,
         lambda first: batches(model, learnt, 16, trial.seed, first),
-        lambda network, batch: network.losses(batch),
+        lambda network, batch: cast(Any, network).losses(batch),
         loop,
         folder=trial.state,
         progress=trial.progress,

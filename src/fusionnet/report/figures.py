@@ -6,6 +6,7 @@ Colours are those of Okabe and Ito, which colour-blind people can tell apart.
 import io
 from collections import defaultdict
 from collections.abc import Sequence
+from typing import Any
 
 import matplotlib
 from matplotlib.axes import Axes
@@ -126,7 +127,7 @@ def _ranked(
     ours = sorted(chapter.summaries_of(figure.metric), key=lambda s: sign * s.mean)[:MOST_RANKED]
     theirs = sorted(stated.values(), key=lambda p: sign * p.mean)[:MOST_RANKED]
     _rows(panels[-1], [s.variant for s in ours])
-    look = {"fmt": "o", "ms": 4, "capsize": 2, "lw": 1}
+    look: dict[str, Any] = {"fmt": "o", "ms": 4, "capsize": 2, "lw": 1}
     means = [s.mean for s in ours]
     panels[-1].errorbar(means, range(len(ours)), xerr=_spread(ours), color=COLORS[0], **look)
     if theirs:
@@ -175,7 +176,10 @@ def _lines(
         values = chapter.variants[number.variant].values
         theirs[str(values.get(figure.series, ""))].append(number)
     for place, name in enumerate(dict.fromkeys([*series, *theirs])):
-        look = {"color": COLORS[place % len(COLORS)], "marker": MARKS[place % len(MARKS)]}
+        look: dict[str, Any] = {
+            "color": COLORS[place % len(COLORS)],
+            "marker": MARKS[place % len(MARKS)],
+        }
         points = sorted(series[name], key=lambda s: s.variant.values[figure.x])
         if points:
             xs = [s.variant.values[figure.x] for s in points]

@@ -1,5 +1,7 @@
 """How all figures look."""
 
+from typing import Any
+
 from matplotlib.axes import Axes
 
 COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
@@ -21,5 +23,7 @@ def legend(axes: Axes, *, beside: bool = False) -> None:
     handles, labels = axes.get_legend_handles_labels()
     unique = {label: handle for handle, label in zip(handles, labels, strict=True) if label}
     if unique:
-        place = {"loc": "center left", "bbox_to_anchor": (1.01, 0.5)} if beside else {}
-        axes.legend(unique.values(), unique.keys(), frameon=False, fontsize=8, **place)
+        place: dict[str, Any] = (
+            {"loc": "center left", "bbox_to_anchor": (1.01, 0.5)} if beside else {}
+        )
+        axes.legend(list(unique.values()), list(unique), frameon=False, fontsize=8, **place)

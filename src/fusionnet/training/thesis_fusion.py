@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from dataclasses import asdict, replace
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import torch
 
@@ -84,7 +84,7 @@ def run(
     history = fit(
         model,
         batches,
-        lambda network, batch: network.losses(batch),
+        lambda network, batch: cast(Any, network).losses(batch),
         loop,
         folder=config.work,
         progress=progress,
@@ -187,7 +187,9 @@ def _freeze_unused(model: ThesisFusionNet, config: ThesisFusionConfig, batch: Fu
         raise DataError("Every loss has the factor 0; nothing would be learnt.")
     parameters = [p for p in model.parameters() if p.requires_grad]
     total = torch.stack(list(named.values())).sum()
-    found = torch.autograd.grad(total, parameters, allow_unused=True)
+    found: tuple[torch.Tensor | None, ...] = torch.autograd.grad(
+        total, parameters, allow_unused=True
+    )
     for parameter, gradient in zip(parameters, found, strict=True):
         if gradient is None:
             parameter.requires_grad_(False)

@@ -132,7 +132,9 @@ def _page(calibration: Calibration) -> str:
             ),
         ]
     if calibration.left_out:
-        rows = [(photograph.name, photograph.reason) for photograph in calibration.left_out]
+        rows: list[tuple[str, ...]] = [
+            (photograph.name, photograph.reason) for photograph in calibration.left_out
+        ]
         parts += ["<h2>Left out</h2>", _table(("photograph", "reason"), rows)]
     return "\n".join(parts)
 

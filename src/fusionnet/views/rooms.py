@@ -22,6 +22,9 @@ from fusionnet.views.checkerboard import Checkerboard
 from fusionnet.views.furniture import add_distractors, add_room, add_table
 from fusionnet.views.pose import GridPlacement
 
+Table = Literal["round-white", "rectangular-black"]
+Lighting = Literal["bright", "dim", "mixed"]
+
 BOARD = Checkerboard()
 PLACEMENT = GridPlacement()
 
@@ -57,8 +60,8 @@ class Room:
     """
 
     name: str
-    table: Literal["round-white", "rectangular-black"]
-    lighting: Literal["bright", "dim", "mixed"]
+    table: Table
+    lighting: Lighting
     distractors: bool
     focus: float
     lamp: tuple[float, float, float] | None = None
@@ -73,16 +76,18 @@ class Room:
         return ray / np.linalg.norm(ray)
 
 
+_SET_UPS: tuple[tuple[Table, Lighting, bool, float], ...] = (
+    ("round-white", "bright", False, 1.0),
+    ("round-white", "dim", False, 1.008),
+    ("round-white", "mixed", True, 0.992),
+    ("rectangular-black", "bright", False, 1.012),
+    ("rectangular-black", "dim", False, 0.988),
+    ("rectangular-black", "mixed", True, 1.004),
+)
+
 ROOMS = tuple(
     Room(name=f"{table}-{light}", table=table, lighting=light, distractors=toys, focus=focus)
-    for table, light, toys, focus in (
-        ("round-white", "bright", False, 1.0),
-        ("round-white", "dim", False, 1.008),
-        ("round-white", "mixed", True, 0.992),
-        ("rectangular-black", "bright", False, 1.012),
-        ("rectangular-black", "dim", False, 0.988),
-        ("rectangular-black", "mixed", True, 1.004),
-    )
+    for table, light, toys, focus in _SET_UPS
 )
 """The six of thesis 3.2.2."""
 
@@ -151,7 +156,7 @@ class RoomPhotographer:
         self._offscreen.aim(wide)
         bent = cv2.remap(self._offscreen.picture(), *self._maps, interpolation=cv2.INTER_LINEAR)
         image = cv2.resize(bent, self.lens.size, interpolation=cv2.INTER_AREA)
-        noise = rng.normal(0.0, 1.5, image.shape).astype(np.float32)
+        noise = np.asarray(rng.normal(0.0, 1.5, image.shape), np.float32)
         noisy: np.ndarray = cv2.add(image, noise, dtype=cv2.CV_8U)
         return noisy
 

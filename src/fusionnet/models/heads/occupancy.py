@@ -72,8 +72,9 @@ class Occupancy(nn.Module):
             for _ in range(blocks)
         )
         for block in self.reason:  # each begins as the identity
-            nn.init.zeros_(block[-1].weight)
-            nn.init.zeros_(block[-1].bias)
+            assert isinstance(block, nn.Sequential)
+            for parameter in block[-1].parameters():
+                nn.init.zeros_(parameter)
         self.classify = nn.Linear(width, EMPTY + 1)
         self.hold = nn.Linear(2 * width, 1)
 
