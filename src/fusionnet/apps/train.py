@@ -17,7 +17,7 @@ from fusionnet.training.translator import TranslatorConfig
 from fusionnet.training.translator import train as train_translator
 
 
-def detector(config: DetectorConfig | ThesisDetectorConfig) -> dict[str, Any]:
+def detector(config: DetectorConfig | ThesisDetectorConfig) -> dict[str, Any] | None:
     """Train the detector on data sets that `fusionnet dataset build` made.
 
     --preset compact (what we ship): boxes, the camera's pose, the layout.
@@ -27,7 +27,8 @@ def detector(config: DetectorConfig | ThesisDetectorConfig) -> dict[str, Any]:
     """
     with bars() as bar:
         if isinstance(config, ThesisDetectorConfig):
-            return train_thesis_detector(config, progress=bar("training"))
+            # Of several processes, one a device, all but the first have nothing to print.
+            return train_thesis_detector(config, progress=bar("training")) or None
         return train_detector(config, progress=bar("training"))
 
 

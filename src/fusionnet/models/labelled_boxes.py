@@ -45,6 +45,7 @@ class BoxPrecision:
             rec_thresholds=np.linspace(0.0, 1.0, 101).tolist(),
             extended_summary=True,
             max_detection_thresholds=MOST_DETECTIONS,
+            sync_on_compute=False,  # of several processes that train, one measures
         )
         self._metric.warn_on_many_detections = False
         self._instances = torch.zeros(len(CLASS_NAMES), dtype=torch.long)

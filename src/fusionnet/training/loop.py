@@ -47,7 +47,8 @@ class LoopConfig:
             that look at gradients train on one device.
         primary: The loss that a weighting with priorities puts first.
         average: Decay of the exponential moving average of the weights; 0 turns it off.
-        precision: Fabric's name: "32-true" or "bf16-mixed".
+        precision: Fabric's name, "32-true" or "bf16-mixed"; "auto" is the second on a GPU that
+            computes with it, and else the first.
         channels_last: Whether pictures and filters lie with their channels side by side, which
             is faster for convolutions on most machines.
         accelerator: Fabric's name: "auto", "cpu", "cuda".
@@ -115,7 +116,7 @@ def fit(
     fabric = Fabric(
         accelerator=config.accelerator,
         devices=config.devices,
-        precision=config.precision,  # type: ignore[arg-type]
+        precision=precision_of(config),  # type: ignore[arg-type]
     )
     fabric.launch()
     if config.channels_last:
@@ -190,6 +191,20 @@ def fit(
         model.load_state_dict(average, strict=False)
     model.eval()
     return history
+
+
+def precision_of(config: LoopConfig) -> str:
+    """Fabric's name of the precision that a configuration trains with."""
+    if config.precision != "auto":
+        return config.precision
+    on_gpu = config.accelerator in ("auto", "gpu", "cuda") and torch.cuda.is_available()
+    return "bf16-mixed" if on_gpu and torch.cuda.is_bf16_supported() else "32-true"
+
+
+def is_first_process() -> bool:
+    """Whether this process is the one that measures and saves, of those that train together."""
+    distributed = torch.distributed.is_available() and torch.distributed.is_initialized()
+    return not distributed or torch.distributed.get_rank() == 0
 
 
 def _new_weighting(config: LoopConfig) -> Weighting:

@@ -21,7 +21,7 @@ from fusionnet.models.anchors import AnchorShapes, thesis_anchors
 from fusionnet.models.labelled_boxes import BoxPrecision
 from fusionnet.models.retinanet import BoxBatch, RetinaNet
 from fusionnet.randomness import derived_seed, generator
-from fusionnet.training.loop import LoopConfig, Progress, fit
+from fusionnet.training.loop import LoopConfig, Progress, fit, is_first_process
 from fusionnet.training.optimizers import OptimizerConfig
 from fusionnet.training.placement_pictures import PlacementPictures, collate, moved
 from fusionnet.training.schedules import ScheduleConfig
@@ -43,6 +43,7 @@ def thesis_loop() -> LoopConfig:
         optimizer=OptimizerConfig(kind="sgd", momentum=0.9, weight_decay=1e-4),
         clip=10.0,
         accelerator="auto",
+        precision="auto",
         channels_last=True,
         log_every=100,
         save_every=1000,
@@ -105,6 +106,9 @@ class ThesisDetectorConfig:
 def train(config: ThesisDetectorConfig, *, progress: Progress | None = None) -> dict[str, Any]:
     """Train, measure on the split that is checked, and save; returns the metrics.
 
+    Of several processes, one a device, only the first measures and saves; the others return
+    nothing.
+
     Raises:
         DataError: If the data set is not finished, is damaged, or shows no block.
         UnknownNameError: If there is no such backbone or split.
@@ -127,6 +131,8 @@ def train(config: ThesisDetectorConfig, *, progress: Progress | None = None) -> 
         folder=config.work,
         progress=progress,
     )
+    if not is_first_process():
+        return {}
     metrics: dict[str, Any] = measure(model, checked, config.checked)
     metrics |= {"backbone_weights": weights, "loss": history[-1]["loss"] if history else None}
     described = {k: v for k, v in asdict(config).items() if k not in ("out", "work", "dataset")}
