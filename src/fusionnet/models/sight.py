@@ -69,7 +69,8 @@ class Sight:
 
 
 BOARD_SEEN = 0.4
-"""Least `board_evidence` at which a board is taken to be seen; measured in `docs/detector.md`."""
+"""Least `board_evidence` at which a board is taken to be seen: chosen on 60 rendered boards, of
+which 59 reached it, and 40 pictures without one, of which one did."""
 
 
 def board_evidence(image: UInt8[np.ndarray, "h w 3"], corners: Float[np.ndarray, "81 2"]) -> float:
