@@ -53,7 +53,7 @@ def test_the_arm_goes_where_the_second_look_says():
 
 def test_a_policy_that_looks_again_grasps_a_block_out_of_its_cell():
     shifts = np.array([(0.0095, 0.0095), (0.0, 0.0)])
-    policy = load_policy("compact")
+    policy = load_policy("compact", displaced=True)
     world = make_world(layout=LAYOUT, shifts=shifts)
     answer = policy(world.image("left_eye"), SENTENCE)
     expected = apply(answer.move, LAYOUT)
@@ -79,7 +79,7 @@ def test_an_evaluation_displaces_and_disturbs_alike_with_and_without_the_loop():
 
 @pytest.mark.parametrize("shift", [(0.0, 0.0), (0.005, -0.005), (-0.007, 0.007), (0.0, 0.01)])
 def test_a_block_beside_its_cell_belongs_to_it(shift):
-    policy = load_policy("compact")
+    policy = load_policy("compact", displaced=True)
     answer = policy(
         make_world(layout=LAYOUT, shifts=np.array([shift, (0.0, 0.0)])).image("left_eye"), SENTENCE
     )

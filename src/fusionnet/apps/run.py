@@ -100,7 +100,13 @@ def run(config: RunConfig) -> int:
     # One picture, small networks: a second thread gains little on an idle machine, and on a
     # busy one it waits twenty times longer than it works.
     torch.set_num_threads(1)
-    policy = load_policy(checkpoint, kind, seed=config.seed or 0, check=config.check)
+    policy = load_policy(
+        checkpoint,
+        kind,
+        seed=config.seed or 0,
+        check=config.check,
+        displaced=config.closed_loop,
+    )
     seconds = {"load": time.perf_counter() - begin}
     try:
         record = look_and_act(config, setting, picture, policy, seconds, film=out is not None)

@@ -183,7 +183,13 @@ def evaluate(
     commands = load_corpus(config.corpus, config.data).split(config.split)
     if not commands:
         raise InputError(f"The corpus {config.corpus!r} has no commands in {config.split!r}.")
-    policy = load_policy(config.checkpoint, config.policy, seed=config.seed, check=config.check)
+    policy = load_policy(
+        config.checkpoint,
+        config.policy,
+        seed=config.seed,
+        check=config.check,
+        displaced=config.closed_loop,
+    )
     report = PolicyReport(config)
     for index in range(config.episodes):
         round_number, row = divmod(index, len(commands))
