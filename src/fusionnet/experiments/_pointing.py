@@ -113,7 +113,7 @@ class PointingNet(nn.Module):
             torch.from_numpy(learnt.target[rows]),
         )
 
-    def look(self, images: UInt8[Tensor, "b h w 3"]) -> Float[Tensor, "b 512 w"]:
+    def look(self, images: UInt8[Tensor, "b h w 3"]) -> Float[Tensor, "b 512 f"]:
         """Features of every cell, from the pixels where it appears and from its neighbours."""
         size = (images.shape[2], images.shape[1])
         pixels = images.permute(0, 3, 1, 2).float() / 127.5 - 1.0
@@ -127,7 +127,7 @@ class PointingNet(nn.Module):
 
     def point(
         self,
-        cells: Float[Tensor, "b 512 w"],
+        cells: Float[Tensor, "b 512 f"],
         heard: Float[Tensor, "b t e"],
         mask: Tensor,
     ) -> Float[Tensor, "b 2 512"]:

@@ -80,7 +80,7 @@ def variants(scale: Scale) -> list[Variant]:
                 )
             )
     if scale == "smoke":
-        shown = {"none", "all", "fair-all", "pointing-none", "pointing-both"}
+        shown = {"none", "fair-all", "pointing-both"}
         return [variant for variant in found if variant.name in shown]
     return found
 
