@@ -1,9 +1,9 @@
 """How fast the simulator is, against named rivals, and whether it repeats and leaks.
 
-    python benchmarks/simulator.py --only episodes kinematics images memory
+    python benchmarks/simulator.py --only episodes kinematics images memory --out FILE
 
-Each part prints one JSON line. A speed is given as a ratio to a rival that is measured in turns
-with it in the same run, so that a busy machine slows both.
+Each part prints one JSON line, and replaces its part of FILE. A speed is given as a ratio to a
+rival that is measured in turns with it in the same run, so that a busy machine slows both.
 """
 
 import copy
@@ -28,6 +28,7 @@ import tyro
 from fusionnet import robots
 from fusionnet.blocks import Layout, Move, move_between, random_layout
 from fusionnet.corpora import load_corpus
+from fusionnet.files import write_whole
 from fusionnet.randomness import generator
 from fusionnet.robots import ArmKinematics
 from fusionnet.simulation import Appearance, SceneRenderer, joint_targets, make_world
@@ -49,6 +50,7 @@ class Config:
         images: Pictures of each renderer.
         seed: Everything random derives from it.
         robot: Who acts.
+        out: A file that keeps each part that was measured.
     """
 
     only: tuple[str, ...] = ("episodes", "kinematics", "images", "memory")
@@ -58,6 +60,7 @@ class Config:
     images: int = 60
     seed: int = 0
     robot: str = "nico"
+    out: Path | None = None
 
 
 def jobs(config: Config, count: int) -> list[tuple[str, Layout, Move]]:
@@ -235,7 +238,7 @@ def memory(config: Config) -> dict[str, Any]:
 def main(config: Config) -> None:
     parts = {f.__name__: f for f in (episodes, kinematics, images, memory)}
     commit = subprocess.run(
-        ["git", "rev-parse", "--short", "HEAD"], capture_output=True, text=True, check=False
+        ["git", "describe", "--always", "--dirty=+"], capture_output=True, text=True, check=False
     )
     around = {
         "robot": config.robot,
@@ -249,7 +252,12 @@ def main(config: Config) -> None:
         begin = time.perf_counter()
         found = parts[name](config)
         took = round(time.perf_counter() - begin, 1)
-        print(json.dumps({"part": name, **found, **around, "seconds": took}), flush=True)
+        command = f"python benchmarks/simulator.py --only {name} --seed {config.seed}"
+        part = {"command": command, **found, **around, "seconds": took}
+        print(json.dumps({"part": name, **part}), flush=True)
+        if config.out is not None:
+            kept = json.loads(config.out.read_text()) if config.out.exists() else {}
+            write_whole(config.out, json.dumps({**kept, name: part}, indent=1) + "\n")
 
 
 if __name__ == "__main__":
