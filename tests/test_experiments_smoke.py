@@ -11,12 +11,16 @@ from fusionnet.report import html_page
 from fusionnet.report.chapters import chapter
 
 
+@pytest.fixture(scope="session")
+def work(tmp_path_factory):
+    """Data sets that experiments share are made once."""
+    return tmp_path_factory.mktemp("work")
+
+
 @pytest.mark.parametrize("name", experiments.names())
-def test_an_experiment_runs_at_the_smoke_scale_and_is_reported(name, tmp_path):
+def test_an_experiment_runs_at_the_smoke_scale_and_is_reported(name, tmp_path, work):
     experiment = experiments.load(name)
-    records = reproduce(
-        experiment, Plan(scale="smoke", results=tmp_path / "results", work=tmp_path / "work")
-    )
+    records = reproduce(experiment, Plan(scale="smoke", results=tmp_path / "results", work=work))
     assert {v.name for v in experiment.variants("smoke")} <= {r.variant.name for r in records}
     for record in records:
         assert {experiment.metric, "executed_success"} & set(record.metrics)

@@ -39,18 +39,32 @@ def read(
     `progress` is called now and then with the commands made and those wanted.
     """
     size = CORPUS_SIZE if size is None else size
-    made = []
-    for number in range(1, size + 1):
-        made.append(command(seed, number))
-        if progress is not None and number % 100 == 0:
-            progress(number, size)
+    made = _first(seed, size, progress)
     scenes = {c.scene.id: c.scene for c in made if c.scene.id is not None}
     both = [layout for scene in scenes.values() for layout in (scene.before, scene.after)]
     layouts = {layout.id: layout for layout in both if layout.id is not None}
-    return Corpus("synthetic", tuple(made), scenes, layouts)
+    return Corpus("synthetic", made, scenes, layouts)
 
 
 CORPUS = read
+
+_kept: dict[tuple[int, int], tuple[Command, ...]] = {}
+"""The commands that were last asked for: several parts of one run ask for the same."""
+
+
+def _first(
+    seed: int, size: int, progress: Callable[[int, int], None] | None
+) -> tuple[Command, ...]:
+    """Commands 1 to `size` of a seed."""
+    if (seed, size) not in _kept:
+        made = []
+        for number in range(1, size + 1):
+            made.append(command(seed, number))
+            if progress is not None and number % 100 == 0:
+                progress(number, size)
+        _kept.clear()
+        _kept[seed, size] = tuple(made)
+    return _kept[seed, size]
 
 
 def commands(seed: int = 0, start: int = 1) -> Iterator[Command]:

@@ -1,6 +1,6 @@
 """A FusionNet that points at cells, small enough to ablate its representations in minutes.
 
-A small picture becomes features of the 512 cells, a sentence becomes two questions, and each
+A small picture becomes features of the cells, a sentence becomes two questions, and each
 question's answer is a distribution over the cells: where to grasp, where to place. The joints
 follow by the robot's table, as in the compact FusionNet. Two intermediate representations can
 be put in:
@@ -20,7 +20,7 @@ from torch import Tensor, nn
 from torch.nn.functional import cross_entropy
 
 from fusionnet.blocks.grid import GRID
-from fusionnet.experiments._pointing_task import PointingSet
+from fusionnet.experiments._pointing_task import CELLS, LEVELS, PointingSet
 from fusionnet.models.heads.camera_pose import sample
 from fusionnet.models.heads.occupancy import EMPTY
 from fusionnet.models.target_text import END, START
@@ -34,8 +34,6 @@ from fusionnet.sentences import PADDING, Vocabulary
 
 WIDTH = 32
 """Features of a cell, and of a question."""
-
-CELLS = GRID**3
 
 
 def _convolution(source: int, target: int, stride: int) -> nn.Sequential:
@@ -54,7 +52,7 @@ class PointingBatch:
     said: Int[Tensor, "b t"]
     given: Int[Tensor, "b s"]
     wanted: Int[Tensor, "b s"]
-    cells: Int[Tensor, "b 512"]
+    cells: Int[Tensor, "b 256"]
     source: Int[Tensor, " b"]
     target: Int[Tensor, " b"]
 
@@ -73,12 +71,13 @@ class PointingNet(nn.Module):
         self.pixels: Tensor
         self.source = Vocabulary.of(learnt.sentences)
         self.target = Vocabulary.of([[START, END], *learnt.trees])
-        self.fine = nn.Sequential(_convolution(3, 16, 2), _convolution(16, 24, 1))
-        self.coarse = nn.Sequential(_convolution(24, 32, 2), _convolution(32, 32, 1))
+        self.convolutions = nn.Sequential(
+            _convolution(3, 16, 2), _convolution(16, 32, 2), _convolution(32, 48, 1)
+        )
         pixels = torch.from_numpy(learnt.pixels).float()
         self.register_buffer("pixels", pixels.flatten(0, 1), persistent=False)
-        self.gather = nn.Linear((24 + 32) * pixels.shape[1], WIDTH)
-        self.place = nn.Parameter(0.1 * torch.randn(CELLS, WIDTH))
+        self.gather = nn.Linear(48 * pixels.shape[1], WIDTH)
+        self.place = nn.Parameter(0.1 * torch.randn(len(CELLS), WIDTH))
         self.around = nn.Conv3d(WIDTH, WIDTH, 3, padding=1)
         self.classify = nn.Linear(WIDTH, EMPTY + 1)
         with torch.no_grad():
@@ -113,24 +112,23 @@ class PointingNet(nn.Module):
             torch.from_numpy(learnt.target[rows]),
         )
 
-    def look(self, images: UInt8[Tensor, "b h w 3"]) -> Float[Tensor, "b 512 f"]:
+    def look(self, images: UInt8[Tensor, "b h w 3"]) -> Float[Tensor, "b 256 f"]:
         """Features of every cell, from the pixels where it appears and from its neighbours."""
         size = (images.shape[2], images.shape[1])
         pixels = images.permute(0, 3, 1, 2).float() / 127.5 - 1.0
-        fine = self.fine(pixels.contiguous(memory_format=torch.channels_last))
-        where = self.pixels.expand(len(images), -1, -1)
-        found = torch.cat([sample(m, where, size) for m in (fine, self.coarse(fine))], dim=1)
-        points = found.unflatten(2, (CELLS, -1)).permute(0, 2, 1, 3).flatten(2)
+        features = self.convolutions(pixels.contiguous(memory_format=torch.channels_last))
+        found = sample(features, self.pixels.expand(len(images), -1, -1), size)
+        points = found.unflatten(2, (len(CELLS), -1)).permute(0, 2, 1, 3).flatten(2)
         cells = torch.relu(self.gather(points) + self.place)
-        grid = cells.transpose(1, 2).unflatten(2, (GRID, GRID, GRID))
+        grid = cells.transpose(1, 2).unflatten(2, (GRID, GRID, LEVELS))
         return cells + torch.relu(self.around(grid)).flatten(2).transpose(1, 2)
 
     def point(
         self,
-        cells: Float[Tensor, "b 512 f"],
+        cells: Float[Tensor, "b 256 f"],
         heard: Float[Tensor, "b t e"],
         mask: Tensor,
-    ) -> Float[Tensor, "b 2 512"]:
+    ) -> Float[Tensor, "b 2 256"]:
         """Logits of every cell, for the grasp and for the place."""
         scores = torch.einsum("qe,bte->bqt", self.ask, heard).masked_fill(~mask[:, None], -1e9)
         question = self.question(torch.softmax(scores, -1) @ heard)

@@ -1,6 +1,6 @@
 """A reduced task on which representations can be ablated in minutes: few blocks, short commands.
 
-Two to five blocks on the table, a sentence of at most twelve words of our own grammar that moves
+Two to five blocks on the table, none above the fourth level, a sentence of at most twelve words of our own grammar that moves
 one of them, one picture through the robot's left eye with chance in light, camera and blocks.
 Training and test commands are drawn from different numbers of the same generator, so their
 layouts differ; their kind does not.
@@ -10,6 +10,7 @@ import io
 from collections.abc import Callable
 from dataclasses import dataclass
 from dataclasses import replace as replaced
+from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -27,6 +28,10 @@ from fusionnet.simulation.renderer import SceneRenderer
 
 FEWEST, MOST = 2, 5
 LONGEST = 12
+LEVELS = 4
+CELLS = np.flatnonzero(np.arange(GRID**3) % GRID < LEVELS)
+"""The 256 of the grid's 512 cells in which there may be blocks."""
+
 INPUT_SIZE = (132, 114)
 """Width and height of the pictures."""
 
@@ -41,15 +46,15 @@ class PointingSet:
         commands: What is asked, in which scene.
         pictures: Through the left eye, cropped to the grid.
         pixels: Where points of each cell appear to the eye in its nominal pose, in pixels.
-        cells: Class of each of the 512 cells; 16 where there is no block.
-        source, target: Index of the cell to grasp at and of the one to place at.
+        cells: Class of each of the `CELLS`; 16 where there is no block.
+        source, target: Positions in `CELLS` of the cell to grasp at and of the one to place at.
         sentences, trees: Their tokens.
     """
 
-    commands: list[Command]
+    commands: tuple[Command, ...]
     pictures: UInt8[np.ndarray, "n h w 3"]
-    pixels: Float[np.ndarray, "512 p 2"]
-    cells: Int[np.ndarray, "n 512"]
+    pixels: Float[np.ndarray, "256 p 2"]
+    cells: Int[np.ndarray, "n 256"]
     source: Int[np.ndarray, " n"]
     target: Int[np.ndarray, " n"]
     sentences: list[list[str]]
@@ -68,7 +73,7 @@ def pointing_set(
         progress: Called with pictures done and pictures in all.
     """
     commands = _simple(count, first)
-    file = folder / f"pointing-{first}-{count}.npz"
+    file = folder / f"pointing-{LEVELS}-{first}-{count}.npz"
     if not file.is_file():
         _render(file, commands, first, progress)
     with np.load(file, allow_pickle=False) as stored:
@@ -79,8 +84,8 @@ def pointing_set(
         pictures=pictures,
         pixels=pixels,
         cells=cells,
-        source=np.array([move.source.index for move in moves]),
-        target=np.array([move.target.index for move in moves]),
+        source=np.searchsorted(CELLS, [move.source.index for move in moves]),
+        target=np.searchsorted(CELLS, [move.target.index for move in moves]),
         sentences=[source_tokens(command.sentence) for command in commands],
         trees=[
             target_tokens("short", command.sentence, format_tree(command.tree))
@@ -89,7 +94,8 @@ def pointing_set(
     )
 
 
-def _simple(count: int, first: int) -> list[Command]:
+@lru_cache(maxsize=2)
+def _simple(count: int, first: int) -> tuple[Command, ...]:
     """The next commands that move one of few blocks from the table or a stack to another place."""
     found: list[Command] = []
     for command in synthetic.commands(_SEED, first):
@@ -101,15 +107,17 @@ def _simple(count: int, first: int) -> list[Command]:
         move = plan(command.tree, before)
         if move.begins_held or move.ends_held:
             continue
+        if max(cell.z for cell in (move.target, *(b.cell for b in before.blocks))) >= LEVELS:
+            continue
         found.append(command)
         if len(found) == count:
             break
-    return found
+    return tuple(found)
 
 
 def _render(
     file: Path,
-    commands: list[Command],
+    commands: tuple[Command, ...],
     first: int,
     progress: Callable[[int, int], None] | None,
 ) -> None:
@@ -126,7 +134,7 @@ def _render(
         look = Appearance.sample(generator(_SEED, "pointing look", first, number), strength=0.5)
         picture, labels = label(renderer, command.scene.before, look, frame)
         pictures.append(picture)
-        cells.append(labels.cells)
+        cells.append(labels.cells[CELLS])
         if progress is not None:
             progress(number + 1, len(commands))
     _, nominal = label(renderer, commands[0].scene.before, Appearance(), frame)
@@ -140,13 +148,12 @@ def _render(
     write_whole(file, stream.getvalue())
 
 
-def _projected(labels: Labels) -> Float[np.ndarray, "512 p 2"]:
+def _projected(labels: Labels) -> Float[np.ndarray, "256 p 2"]:
     """Where the middle of each cell, of its top, its front and its sides appear."""
     offsets = np.array(
         [[0.5, 0.5, 0.5], [0.5, 0.5, 1.0], [0.0, 0.5, 0.5], [0.3, 0.0, 0.5], [0.3, 1.0, 0.5]]
     )
-    axis = np.arange(GRID)
-    corners = np.stack(np.meshgrid(axis, axis, axis, indexing="ij"), axis=-1).reshape(-1, 1, 3)
+    corners = np.stack(np.unravel_index(CELLS, (GRID, GRID, GRID)), axis=-1)[:, None]
     points = (corners + offsets) * BLOCK_SIZE
     pose = labels.camera_from_board
     in_camera = points @ pose[:3, :3].T + pose[:3, 3]

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 
+from fusionnet.experiments import summaries
 from fusionnet.report.chapters import Chapter
 
 QUESTION = "Do intermediate representations increase performance in a multimodal neural network?"
@@ -29,7 +30,7 @@ def answer_words(chapters: Sequence[Chapter]) -> str:
     chapter = answer_chapter(chapters)
     if chapter is None:
         return f"{QUESTION} The ablation has not been run here yet, so there is no answer yet."
-    said = []
+    said = [_numbers(chapter)]
     for verdict, words in (
         ("agrees", "Borne out: "),
         ("differs", "The opposite is borne out: "),
@@ -40,4 +41,19 @@ def answer_words(chapters: Sequence[Chapter]) -> str:
         if claims:
             said.append(words + " ".join(claims))
     seeds = "one seed" if chapter.seeds == 1 else f"up to {chapter.seeds} seeds"
+    said = [sentence for sentence in said if sentence]
     return f"{QUESTION} At the {chapter.scale} scale, over {seeds}. {' '.join(said)}"
+
+
+def _numbers(chapter: Chapter) -> str:
+    """Executed success, with intervals, of the variants that landed any block."""
+    metric = ANSWER[0][0]
+    found = [s for s in summaries(chapter.records, metric) if max(s.values) > 0]
+    if not found:
+        return ""
+    found.sort(key=lambda s: list(chapter.variants).index(s.variant.name))
+    numbers = (
+        f"{s.variant.label or s.variant.name} {s.mean:.1%} [{s.low:.1%}, {s.high:.1%}]"
+        for s in found
+    )
+    return f"Executed success: {'; '.join(numbers)}; 0 of any other variant."

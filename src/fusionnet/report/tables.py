@@ -8,7 +8,8 @@ HEAD = ("variant", "metric", "ours", "95 % interval", "seeds", "thesis")
 """Titles of the columns."""
 
 MOST_ROWS = 12
-"""Rows of a metric that a search's variants fill; the best come first."""
+"""Rows of a metric that a search's variants fill; the best come first. Of the thesis's variants
+that were not run here, no more either."""
 
 
 def table(chapter: Chapter) -> list[list[str]]:
@@ -27,7 +28,8 @@ def table(chapter: Chapter) -> list[list[str]]:
         listed = {v.name for v in experiment.variants("thesis")}
         proposed = [name for name in found if name not in listed]
         names = [n for n in chapter.variants if n in found or n in stated]
-        names = [n for n in names if n not in proposed[MOST_ROWS:]]
+        unrun = [n for n in names if n not in found]
+        names = [n for n in names if n not in proposed[MOST_ROWS:] + unrun[MOST_ROWS:]]
         rows += [_row(chapter, n, metric, found.get(n), stated.get(n)) for n in names]
     return rows
 
