@@ -50,7 +50,7 @@ class Config:
 
 def measure(config: Config) -> dict[str, Any]:
     """The points of the curve, and where they come from."""
-    points = []
+    points, begun = [], provenance(config)
     options = Scenes(data=config.data, scenes=config.scenes, seed=config.seed, robot=config.robot)
     drawn, _ = jobs(options)
     for noise in config.noises:
@@ -61,7 +61,7 @@ def measure(config: Config) -> dict[str, Any]:
         "command": f"python benchmarks/error_to_success.py --scenes {config.scenes} "
         f"--robot {config.robot} --seed {config.seed}",
         "points": points,
-        "provenance": provenance(config),
+        "provenance": begun,
     }
 
 

@@ -182,6 +182,7 @@ def provenance(config: Any) -> dict[str, Any]:
 
 
 def main(config: Config) -> None:
+    begun = provenance(config)
     drawn, without_move = jobs(config)
     work = [(job, config) for job in drawn]
     if config.workers == 1:
@@ -200,7 +201,7 @@ def main(config: Config) -> None:
         "nothing_to_move": sorted(without_move),
         "failures": [dataclasses.asdict(o) for o in outcomes if not o.success],
         "neighbour_moved_2_mm": [dataclasses.asdict(o) for o in outcomes if o.displacement > 2.0],
-        "provenance": provenance(config),
+        "provenance": begun,
     }
     text = json.dumps(document, indent=1)
     print(text)

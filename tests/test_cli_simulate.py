@@ -107,6 +107,7 @@ def values(count: int = 14, **changes: str) -> list[str]:
         (["bad.json", "--scene", "1"], "has its own scene; leave out --scene"),
         (["--seed", "1"], "What is to be done there?"),
         (["--scene", "1000"], "No scene 1000"),
+        (["--video", "film.gif"], "The film film.gif is an mp4; give it a name that ends in .mp4"),
         (["--robot", "nyco"], "No robot called 'nyco'"),
         (["--viewer"], "no display"),
     ],

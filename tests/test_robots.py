@@ -1,5 +1,7 @@
 """What every robot in the catalogue must keep."""
 
+import sys
+
 import mujoco
 import numpy as np
 import pytest
@@ -8,6 +10,7 @@ from hypothesis import strategies as st
 
 from fusionnet import robots
 from fusionnet.blocks.grid import BLOCK_SIZE
+from fusionnet.catalogue import Catalogue
 from fusionnet.errors import DataError, InputError, UnknownNameError
 from fusionnet.randomness import generator
 
@@ -196,12 +199,51 @@ def test_a_model_without_its_parts_names_them(tmp_path):
     robot.model_file.write_text(text.replace('"left_eye"', '"third_eye"'))
     with pytest.raises(DataError, match="robot 'mine' lacks camera 'left_eye'"):
         robot.spec()
-    robot = renamed(robots.load("nico"), tmp_path, joint_names=("l_shoulder_z", "l_tail"))
+    poses = {pose: values[:2] for pose, values in robot.poses.items()}
+    joints = ("l_shoulder_z", "l_tail")
+    robot = renamed(robots.load("nico"), tmp_path, joint_names=joints, poses=poses)
     with pytest.raises(DataError, match="lacks joint 'l_tail', actuator 'l_tail'"):
         _ = robot.joint_limits
     robot.model_file.write_text(text.replace('material name="grey"', 'material name="pink"'))
     with pytest.raises(DataError, match="robot 'mine' cannot be compiled.*grey"):
         renamed(robots.load("nico"), tmp_path).spec()
+
+
+@pytest.mark.parametrize(
+    ("written", "reason"),
+    [
+        ("\nROBOT = (", r"'\(' was never closed \(.*zoo.mine.__init__.py, line 2\)"),
+        ("from json import nothing", r"cannot import name 'nothing'.*__init__.py, line 1\)"),
+        ("\n\nROBOT = Robot()", r"'Robot' is not defined \(.*__init__.py, line 3\)"),
+        ("ROBBOT = 1", "__init__.py lacks ROBOT; define it there"),
+    ],
+)
+def test_a_broken_folder_is_reported_with_its_line(written, reason, tmp_path, monkeypatch):
+    (tmp_path / "zoo" / "mine").mkdir(parents=True)
+    (tmp_path / "zoo" / "__init__.py").touch()
+    (tmp_path / "zoo" / "mine" / "__init__.py").write_text(written)
+    monkeypatch.syspath_prepend(tmp_path)
+    for module in ("zoo", "zoo.mine"):
+        monkeypatch.delitem(sys.modules, module, raising=False)
+    with pytest.raises(DataError, match=f"The robot 'mine' cannot be loaded: .*{reason}"):
+        Catalogue("zoo", kind="robot", attribute="ROBOT").load("mine")
+
+
+def test_poses_and_limits_that_are_missing_are_named(tmp_path):
+    nico = robots.load("nico")
+    poses = dict(nico.poses)
+    with pytest.raises(DataError, match="'ready' of robot 'mine' has shape .3,.; it needs a value"):
+        renamed(nico, tmp_path, poses={**poses, "ready": np.zeros(3)})
+    del poses["prepare"]
+    with pytest.raises(DataError, match="'mine' lacks the poses prepare"):
+        renamed(nico, tmp_path, poses=poses)
+    gantry = robots.load("gantry")
+    text = gantry.model_file.read_text().replace('inheritrange="1"', "")
+    (tmp_path / "model.xml").write_text(text.replace('axis="1 0 0" range="-0.14 0.14"', ""))
+    with pytest.raises(
+        DataError, match="'gantry_x' of robot 'mine' has the range 0 to 0; give it one"
+    ):
+        _ = renamed(gantry, tmp_path).joint_limits
 
 
 def test_joints_that_nobody_mentions_are_frozen_at_zero(tmp_path):

@@ -46,9 +46,14 @@ def test_the_way_to_the_board_touches_nothing(robot, scene):
 def test_ready_hovers_over_the_board_above_the_highest_block(robot):
     pinch = robots.ArmKinematics(robot).robot_from_pinch(robot.poses["ready"])[:3, 3]
     lowest, highest = robot.cell_position((2, 2, 7)), robot.cell_position((5, 5, 7))
-    assert np.all(lowest[:2] < pinch[:2]) and np.all(pinch[:2] < highest[:2])
+    assert np.all(lowest[:2] < pinch[:2]) and np.all(pinch[:2] < highest[:2]), (
+        f"`ready` has the pinch at {pinch[:2]}; bring it between {lowest[:2]} and {highest[:2]}"
+    )
     carried = BLOCK_SIZE + robot.pinch_clearance
-    assert pinch[2] - carried > highest[2] + BLOCK_SIZE / 2 + 0.01
+    needed = highest[2] + BLOCK_SIZE / 2 + 0.01 + carried
+    assert pinch[2] > needed, (
+        f"`ready` has the pinch {pinch[2]:.3f} m high; raise it to {needed:.3f}"
+    )
 
 
 @pytest.mark.parametrize("eye", ["left_eye", "right_eye"])
@@ -69,8 +74,13 @@ class TestEyes:
         assert seen[:, 2].max() < 0
         columns = WIDTH / 2 - focal * seen[:, 0] / seen[:, 2]
         rows = HEIGHT / 2 + focal * seen[:, 1] / seen[:, 2]
-        assert columns.min() > 10 and columns.max() < WIDTH - 10
-        assert rows.min() > 10 and rows.max() < HEIGHT - 10
+        seen_at = (
+            f"the grid fills columns {columns.min():.0f} to {columns.max():.0f} and rows"
+            f" {rows.min():.0f} to {rows.max():.0f} of {WIDTH}x{HEIGHT}:"
+            " turn the head, or widen fovy"
+        )
+        assert columns.min() > 10 and columns.max() < WIDTH - 10, seen_at
+        assert rows.min() > 10 and rows.max() < HEIGHT - 10, seen_at
 
     def test_nothing_of_the_robot_stands_between_the_eye_and_the_grid(self, robot, scene, eye):
         scene.take(robot.poses["prepare"])

@@ -2,6 +2,8 @@
 
 import os
 import signal
+import subprocess
+import sys
 from contextlib import nullcontext
 
 import gymnasium
@@ -10,7 +12,6 @@ import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 
-from fusionnet import register_environments
 from fusionnet.blocks import plan
 from fusionnet.errors import InputError, RenderingError
 from fusionnet.robots import ArmKinematics
@@ -89,10 +90,16 @@ def test_an_unknown_command_is_refused(environment):
 
 @pytest.mark.parametrize("name", ["PickPlace", "PickPlaceServo"])
 def test_gymnasium_knows_the_environment_by_name(name):
-    register_environments()
     made = gymnasium.make(f"fusionnet/{name}-v0", size=SIZE)
     observation, _ = made.reset(seed=4)
     assert made.observation_space.contains(observation)
+
+
+@pytest.mark.parametrize("imports", ["fusionnet, gymnasium", "gymnasium, fusionnet"])
+def test_gymnasium_knows_it_whichever_is_imported_first(imports):
+    code = f"import {imports}; print(*(i for i in gymnasium.registry if 'fusionnet/' in i))"
+    ran = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert ran.stdout.split() == ["fusionnet/PickPlace-v0", "fusionnet/PickPlaceServo-v0"]
 
 
 def test_human_mode_shows_the_motion_in_a_window(monkeypatch):
@@ -215,7 +222,6 @@ class TestServo:
 
 
 def test_a_crashed_worker_is_reported_and_the_others_results_are_kept():
-    register_environments()
     vector = gymnasium.make_vec("fusionnet/PickPlace-v0", num_envs=2, size=(64, 36))
     try:
         single = PickPlace(size=(64, 36))

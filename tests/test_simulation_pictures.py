@@ -245,6 +245,12 @@ def test_an_unknown_camera_is_refused_with_a_hint(renderer):
         renderer.view(Layout(()), camera="left_eey")
 
 
+@pytest.mark.parametrize("size", [(0, 3), (-5, 5), (20000, 3)])
+def test_a_size_that_no_picture_can_have_is_refused(size):
+    with pytest.raises(InputError, match="cannot have the size.*1 to 16384 pixels"):
+        SceneRenderer(size=size)
+
+
 def test_a_broken_backend_is_one_line_with_a_remedy(monkeypatch):
     monkeypatch.setenv("MUJOCO_GL", "osmesa")
     monkeypatch.setitem(sys.modules, "mujoco.osmesa", None)

@@ -8,17 +8,20 @@
     episode = world.execute(answer)
 
 The rooms below are imported only when one of their names is asked for, so that
-`import fusionnet` is instant.
+`import fusionnet` is instant. It makes `fusionnet/PickPlace-v0` and
+`fusionnet/PickPlaceServo-v0` known to Gymnasium, whichever of the two is imported first.
 """
 
 import importlib
+import importlib.util
+import sys
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from fusionnet.policy import Answer, load_policy
     from fusionnet.simulation import make_world
 
-__all__ = ["Answer", "load_policy", "make_world", "register_environments"]
+__all__ = ["Answer", "load_policy", "make_world"]
 
 _HOMES = {
     "Answer": "fusionnet.policy",
@@ -27,8 +30,8 @@ _HOMES = {
 }
 
 
-def register_environments() -> None:
-    """Make our environments known to Gymnasium, which calls this when it is imported."""
+def _register_environments() -> None:
+    """Make our environments known to Gymnasium."""
     import gymnasium
 
     rooms = "fusionnet.simulation"
@@ -40,6 +43,34 @@ def register_environments() -> None:
                 entry_point=f"{home}:{name}",
                 vector_entry_point=f"{rooms}.vector:{name}Vector",
             )
+
+
+class _GymnasiumFinder:
+    """Finds Gymnasium as Python does, and registers our environments when it has been imported.
+
+    Gymnasium has no plugins since 1.0, and to import it here would cost every command a second.
+    """
+
+    def find_spec(self, name: str, path: Any = None, target: Any = None) -> Any:
+        if name != "gymnasium":
+            return None
+        sys.meta_path.remove(self)
+        spec = importlib.util.find_spec(name)
+        if spec is not None and spec.loader is not None:
+            execute = spec.loader.exec_module
+
+            def execute_and_register(module: Any) -> None:
+                execute(module)
+                _register_environments()
+
+            spec.loader.exec_module = execute_and_register  # type: ignore[method-assign]
+        return spec
+
+
+if "gymnasium" in sys.modules:
+    _register_environments()
+else:
+    sys.meta_path.insert(0, _GymnasiumFinder())
 
 
 def __getattr__(name: str) -> Any:

@@ -8,9 +8,10 @@ name. Nothing has to be registered.
 import difflib
 import importlib
 import pkgutil
+import traceback
 from typing import Any
 
-from fusionnet.errors import UnknownNameError
+from fusionnet.errors import DataError, UnknownNameError
 
 
 def did_you_mean(name: str, known: list[str]) -> str:
@@ -48,6 +49,8 @@ class Catalogue:
 
         Raises:
             UnknownNameError: If there is none; the message lists what there is.
+            DataError: If its module is broken or lacks the object; the message has the file, the
+                line and the reason.
         """
         known = self.names()
         if name not in known:
@@ -55,4 +58,24 @@ class Catalogue:
                 f"No {self.kind} called {name!r}; available: {', '.join(known)}."
                 + did_you_mean(name, known)
             )
-        return getattr(importlib.import_module(f"{self.package}.{name}"), self.attribute)
+        module_name = f"{self.package}.{name}"
+        try:
+            module = importlib.import_module(module_name)
+        except (SyntaxError, ImportError, NameError, AttributeError, TypeError) as error:
+            raise DataError(
+                f"The {self.kind} {name!r} cannot be loaded: {_reason(error)}."
+            ) from error
+        if not hasattr(module, self.attribute):
+            raise DataError(
+                f"The {self.kind} {name!r} cannot be loaded: {module.__file__} lacks"
+                f" {self.attribute}; define it there."
+            )
+        return getattr(module, self.attribute)
+
+
+def _reason(error: Exception) -> str:
+    """What went wrong while a module was imported, and in which line."""
+    if isinstance(error, SyntaxError) and error.filename:
+        return f"{error.msg} ({error.filename}, line {error.lineno})"
+    frames = [f for f in traceback.extract_tb(error.__traceback__) if "<frozen" not in f.filename]
+    return f"{error} ({frames[-1].filename}, line {frames[-1].lineno})"

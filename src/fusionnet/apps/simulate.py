@@ -155,6 +155,8 @@ def _task(config: SimulateConfig) -> Task:
     Raises:
         FusionNetError: If they contradict each other, or name what is not there.
     """
+    if config.video is not None and config.video.suffix.lower() != ".mp4":
+        raise InputError(f"The film {config.video} is an mp4; give it a name that ends in .mp4.")
     given = [n for n in ("recording", "values", "move") if getattr(config, n) is not None]
     if len(given) > 1:
         shown = " and ".join("RESULT" if n == "recording" else f"--{n}" for n in given)

@@ -14,6 +14,9 @@ from fusionnet.blocks.grid import BLOCK_SIZE, GRID, Cell
 from fusionnet.errors import DataError, InputError
 from fusionnet.robots._model import check_parts, compiled, freeze, read_model
 
+POSES = ("seed", "prepare", "ready")
+"""Arm postures that every robot names."""
+
 CellLike = Sequence[SupportsIndex] | np.ndarray
 """Three whole numbers x, y, z: a `Cell`, a tuple or an array."""
 
@@ -50,6 +53,9 @@ class Robot:
         table_top: The table under the board.
         pinch_clearance: Height of the pinch above the top of the block that it grasps [m].
         kinematics_source: Where the model's numbers come from.
+
+    Raises:
+        DataError: If a pose is missing, or has another number of values than there are joints.
     """
 
     name: str
@@ -63,6 +69,17 @@ class Robot:
     table_top: TableTop
     pinch_clearance: float
     kinematics_source: str
+
+    def __post_init__(self) -> None:
+        missing = [pose for pose in POSES if pose not in self.poses]
+        if missing:
+            raise DataError(f"Robot {self.name!r} lacks the poses {', '.join(missing)}; add them.")
+        for pose, values in self.poses.items():
+            if np.shape(values) != (len(self.joint_names),):
+                raise DataError(
+                    f"Pose {pose!r} of robot {self.name!r} has shape {np.shape(values)}; it needs"
+                    f" a value for each of {', '.join(self.joint_names)}."
+                )
 
     def spec(self, head_angles: Mapping[str, float] | None = None) -> mujoco.MjSpec:
         """A fresh model of the robot alone, to be attached to a world at its origin.
@@ -103,9 +120,20 @@ class Robot:
 
     @cached_property
     def joint_limits(self) -> Float[np.ndarray, "n 2"]:
-        """Lowest and highest value of each arm joint, from the model [rad, or m for slides]."""
+        """Lowest and highest value of each arm joint, from the model [rad, or m for slides].
+
+        Raises:
+            DataError: As for `spec`, or if a joint has no range.
+        """
         model = compiled(self.complete_spec(), self.name)
-        return _read_only(np.array([model.joint(name).range for name in self.joint_names]))
+        limits = np.array([model.joint(name).range for name in self.joint_names])
+        for name, (low, high) in zip(self.joint_names, limits, strict=True):
+            if not low < high:
+                raise DataError(
+                    f"Joint {name!r} of robot {self.name!r} has the range {low:g} to {high:g};"
+                    " give it one in the model, from its lower to its upper limit."
+                )
+        return _read_only(limits)
 
     @cached_property
     def robot_from_board(self) -> Float[np.ndarray, "4 4"]:
@@ -137,9 +165,10 @@ class Robot:
         try:
             table = np.load(self.joint_table_file, allow_pickle=False)
         except (OSError, ValueError) as error:
+            reason = error.strerror if isinstance(error, OSError) else error
             raise DataError(
                 f"Robot {self.name!r} has no usable joint table"
-                f" at {self.joint_table_file}: {error}."
+                f" at {self.joint_table_file}: {reason}."
                 " Make it with fusionnet.robots.make_joint_table."
             ) from error
         shape = (GRID, GRID, GRID, len(self.joint_names))

@@ -42,6 +42,9 @@ EXTERNAL = "external"
 LEAST_SHARE = 0.25
 """Blocks of which a smaller share is visible are marked as mostly hidden."""
 
+LARGEST = 16384
+"""Pixels along a side of a picture; software renderers draw no larger ones."""
+
 _OPENCV_FROM_OPENGL = np.diag([1.0, -1.0, -1.0])
 
 
@@ -104,9 +107,15 @@ class SceneRenderer:
     Raises:
         RenderingError: If there is no working OpenGL; the message names a remedy.
         UnknownNameError: If there is no such robot.
+        InputError: If the size is not of two whole numbers from 1 to `LARGEST`.
     """
 
     def __init__(self, robot: str = "nico", size: tuple[int, int] = (960, 540)) -> None:
+        if len(size) != 2 or not all(s == int(s) and 1 <= s <= LARGEST for s in size):
+            raise InputError(
+                f"A picture cannot have the size {tuple(size)}; give a width and a height of 1 to"
+                f" {LARGEST} pixels, such as (960, 540)."
+            )
         self.robot: Robot = load(robot)
         self.size = size
         self.model = picture_model(robot, size)

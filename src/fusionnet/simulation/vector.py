@@ -28,6 +28,9 @@ class PickPlaceVector(VectorEnv[Any, Any, Any]):
     anew with the next step, as every environment does that has ended; a dead process is
     started again.
 
+    The processes are spawned, as OpenGL does not survive a fork: a script makes this below
+    `if __name__ == "__main__":`.
+
     Args:
         num_envs: How many.
         environment: What each worker makes.
