@@ -1,9 +1,9 @@
 """A reduced task on which representations can be ablated in minutes: few blocks, short commands.
 
-Two to five blocks on the table, none above the fourth level, a sentence of at most twelve words of our own grammar that moves
-one of them, one picture through the robot's left eye with chance in light, camera and blocks.
-Training and test commands are drawn from different numbers of the same generator, so their
-layouts differ; their kind does not.
+Two to five blocks on the table, none above the fourth level, a sentence of at most twelve words
+of our own grammar that moves one of them, one picture through the robot's left eye with chance in
+light, camera and blocks. Training and test commands are drawn from different numbers of the same
+generator, so their layouts differ; their kind does not.
 """
 
 import io

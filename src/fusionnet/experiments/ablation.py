@@ -187,8 +187,8 @@ EXPERIMENT = Experiment(
     differs={
         "smoke": DIFFERS["smoke"],
         "small": DIFFERS["small"] + " A fair weighting beside the uniform one. Beside it a network "
-        "that points at cells, 2,000 steps of 16 on 3,000 pictures of two to five blocks, tested on "
-        "200 other commands.",
+        "that points at cells, 2,000 steps of 16 on 3,000 pictures of two to five blocks; tested "
+        "on 200 other commands.",
         "thesis": DIFFERS["thesis"] + " A fair weighting beside the uniform one, and the network "
         "that points at cells.",
     },
