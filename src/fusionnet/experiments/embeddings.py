@@ -17,7 +17,7 @@ from fusionnet.experiments._experiment import (
     Trial,
     Variant,
 )
-from fusionnet.experiments._translation import trained
+from fusionnet.experiments._translation import SMALL_TREES, trained
 from fusionnet.training.transformer import VECTORS
 
 KINDS = {"cbow": "Word2vec CBOW", "random": "random, He", "skip-gram": "Word2vec skip-gram"}
@@ -26,7 +26,7 @@ SIZES: dict[Scale, tuple[int, ...]] = {
     "small": (10, 50, 100),
     "thesis": (10, 50, 100, 200, 500),
 }
-STEPS: dict[Scale, int] = {"smoke": 3, "small": 150, "thesis": 16_000}
+STEPS: dict[Scale, int] = {"smoke": 3, "small": 2000, "thesis": 16_000}
 BATCH: dict[Scale, int] = {"smoke": 8, "small": 16, "thesis": 60}
 LAYERS: dict[Scale, int] = {"smoke": 1, "small": 2, "thesis": 4}
 VECTOR_EPOCHS: dict[Scale, int] = {"smoke": 2, "small": 10, "thesis": 200}
@@ -88,8 +88,8 @@ EXPERIMENT = Experiment(
     "the training sequences; sizes 10 to 500; validation cross-entropy, three repetitions.",
     differs={
         "smoke": "Commands of our own, one layer, 3 steps: it shows only that it runs.",
-        "small": "Treebank, 2 layers, 150 steps of 16 sequences with a one-cycle schedule, "
-        "word vectors of 10 epochs, sizes 10, 50 and 100. Far from converged: it tells which "
+        "small": f"Treebank, {SMALL_TREES}; 2 layers, 2,000 steps of 16 sequences with a one-cycle "
+        "schedule, word vectors of 10 epochs, sizes 10, 50 and 100. Not converged: it tells which "
         "embeddings learn fastest, not where they end.",
         "thesis": "Treebank in place of the ETR data; exponent and least frequency of the word "
         "vectors exchanged, since they are swapped in print.",

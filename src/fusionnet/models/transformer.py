@@ -14,7 +14,7 @@ from collections.abc import Sequence
 from dataclasses import asdict
 from itertools import pairwise
 from pathlib import Path
-from typing import Any, Literal, get_args
+from typing import Any, get_args
 
 import torch
 from jaxtyping import Float, Int
@@ -26,6 +26,7 @@ from fusionnet.models.beam_search import Alphabet, Hypothesis, decode
 from fusionnet.models.checkpoint import load_checkpoint, restore, save_checkpoint
 from fusionnet.models.reading import Reading
 from fusionnet.models.sentence_reader import SentenceReader
+from fusionnet.models.target_text import END, START, Writes, target_tokens
 from fusionnet.models.transformer_network import (
     TransformerNetwork,
     number_rows,
@@ -35,9 +36,6 @@ from fusionnet.rcl import Tree, format, parse
 from fusionnet.sentences import PADDING, UNKNOWN, Vocabulary, Words, readable_words, tokenize
 
 KIND = "transformer"
-START, END = "<start>", "<end>"
-Target = Literal["rcl", "english"]
-"""What is written: the tree's text, or the sentence itself (thesis 7.3)."""
 
 
 class Transformer(SentenceReader):
@@ -48,7 +46,7 @@ class Transformer(SentenceReader):
         source: Tokens of sentences that it was trained with.
         target: Tokens that it writes, `START` and `END` among them.
         known: Words, in lower case, that count as known where a sentence may be refused.
-        writes: Whether it was trained to write trees or the sentence itself.
+        writes: What it was trained to write.
     """
 
     def __init__(
@@ -58,7 +56,7 @@ class Transformer(SentenceReader):
         target: Vocabulary,
         known: Vocabulary,
         *,
-        writes: Target = "rcl",
+        writes: Writes = "rcl",
     ) -> None:
         sizes = (network.config.source_words, network.config.target_words)
         if sizes != (len(source), len(target)) or START not in target or END not in target:
@@ -88,7 +86,7 @@ class Transformer(SentenceReader):
             _vocabulary(checkpoint.config, n, folder) for n in ("source", "target", "known")
         ]
         writes: Any = checkpoint.config.get("writes")
-        if writes not in get_args(Target):
+        if writes not in get_args(Writes):
             raise CheckpointError(f"The checkpoint {folder} writes {writes!r}: it is damaged.")
         network = TransformerNetwork(transformer_config(checkpoint.config.get("network")))
         restore(network, checkpoint.tensors, folder)
@@ -140,10 +138,13 @@ class Transformer(SentenceReader):
         Tokens past the longest source are not seen. `holding` changes nothing.
 
         Raises:
-            InputError: If the network writes English.
+            InputError: If the network does not write the text of trees.
         """
         if self.writes != "rcl":
-            raise InputError("This Transformer writes English sentences, not trees.")
+            raise InputError(
+                f"This Transformer writes {self.writes!r}, not trees as text ('rcl'): it has no "
+                "readings."
+            )
         rows = [_texts(sentence)[: self.network.config.longest] for sentence in sentences]
         found = self.hypotheses(rows, beam=beam, count=min(beam, count + 2))
         return [
@@ -159,6 +160,10 @@ class Transformer(SentenceReader):
         memory = self.network.encode(self._numbers(rows))
         longest = self.network.config.longest - 1
         return decode(self.network, memory, self.alphabet, beam=beam, count=count, longest=longest)
+
+    def wanted(self, sentence: str, tree: Tree) -> tuple[str, ...]:
+        """The target tokens that are right for a sentence and its tree."""
+        return tuple(target_tokens(self.writes, sentence, format(tree)))
 
     def written(self, hypothesis: Hypothesis) -> tuple[str, ...]:
         """The target tokens of a hypothesis."""
@@ -195,9 +200,11 @@ class Transformer(SentenceReader):
 
         Trees of more tokens than can be written are left out.
         """
-        texts = sentences if self.writes == "english" else [format(tree) for tree in trees]
         longest = self.network.config.longest
-        pairs = [(_texts(s)[:longest], _texts(t)) for s, t in zip(sentences, texts, strict=True)]
+        pairs = [
+            (_texts(sentence)[:longest], self.wanted(sentence, tree))
+            for sentence, tree in zip(sentences, trees, strict=True)
+        ]
         pairs = [pair for pair in pairs if len(pair[1]) < longest]
         right, entropy, counted = 0, 0.0, 0
         for start in range(0, len(pairs), size):

@@ -19,7 +19,8 @@ from torch.nn.functional import cross_entropy
 
 from fusionnet.corpora import Command, load_corpus
 from fusionnet.errors import DataError, InputError
-from fusionnet.models.transformer import END, START, Target, Transformer
+from fusionnet.models.target_text import END, START, Writes, target_tokens
+from fusionnet.models.transformer import Transformer
 from fusionnet.models.transformer_network import TransformerNetwork, number_rows, thesis
 from fusionnet.randomness import derived_seed, generator
 from fusionnet.rcl import format
@@ -64,7 +65,8 @@ class ThesisTranslatorConfig:
         data: Folder of the corpus.
         learn: Splits to learn from.
         check: Splits to measure on; their commands are not learnt from.
-        writes: "rcl", or "english" for the sentence itself (section 7.3).
+        writes: "rcl", "english" for the sentence itself (section 7.3), or "short" for the
+            tree's values alone.
         noised: Perturbed sentences beside each clean one (3.4.1).
         embeddings: Where the embeddings begin: random, or word vectors of the training
             sentences and trees (5.1).
@@ -91,7 +93,7 @@ class ThesisTranslatorConfig:
     data: Path | None = None
     learn: tuple[Split, ...] = ("train",)
     check: tuple[Split, ...] = ("val",)
-    writes: Target = "rcl"
+    writes: Writes = "rcl"
     noised: int = 3
     embeddings: Embeddings = "skip-gram"
     vector_epochs: int = 200
@@ -238,8 +240,7 @@ def token_pairs(commands: Sequence[Command], config: ThesisTranslatorConfig) -> 
     for command in commands:
         rng = generator(config.seed, "transformer", "noise", command.id)
         noised = variants(command.sentence, rng, config.noised)
-        tree = None if config.writes == "english" else _tokens(format(command.tree))
-        target = _tokens(command.sentence) if tree is None else tree
+        target = tuple(target_tokens(config.writes, command.sentence, format(command.tree)))
         if len(target) < config.longest:
             said = [command.sentence, *(variant.sentence for variant in noised)]
             found += [TokenPair(_tokens(text)[: config.longest], target) for text in said]
@@ -325,8 +326,7 @@ def measure(
         sentences, [None] * len(commands), [command.tree for command in commands]
     )
     rows = [_tokens(sentence)[: translator.network.config.longest] for sentence in sentences]
-    english = translator.writes == "english"
-    wanted = rows if english else [_tokens(format(command.tree)) for command in commands]
+    wanted = [translator.wanted(command.sentence, command.tree) for command in commands]
     right = 0
     for start in range(0, len(rows), size):
         found = translator.hypotheses(rows[start : start + size], beam=beam)
