@@ -11,7 +11,8 @@ import pytest
 
 from fusionnet import robots
 from fusionnet.apps.cli import main
-from fusionnet.simulation import viewer
+from fusionnet.blocks import layout_from_json
+from fusionnet.simulation import make_world, viewer
 
 NICO = robots.load("nico")
 LAYOUT = {
@@ -48,6 +49,24 @@ def test_a_recorded_episode_replays_to_the_same_end(capsys, tmp_path) -> None:
     file.write_text(json.dumps(first))
     status, other = simulated(capsys, str(file))
     assert (status, other["success"], other["same_end_as_recorded"]) == (1, True, False)
+
+
+def test_an_episode_that_looked_again_replays_to_the_same_end(capsys, tmp_path) -> None:
+    _, first = simulated(capsys, "--scene", "2")
+    shifts = {"grasp": np.array([0.002, 0.0, 0.0]), "place": np.array([0.0, -0.003, 0.0])}
+    layouts = [layout_from_json(first[f"layout_{name}"]) for name in ("before", "expected")]
+    episode = make_world(layout=layouts[0]).execute(
+        first["episode"]["targets"], layouts[1], look_again=lambda phase, *_: shifts[phase]
+    )
+    assert "look" in [phase.name for phase in episode.phases] and episode.errors.max() > 2.0
+    file = tmp_path / "result.json"
+    file.write_text(json.dumps(first | {"episode": episode.as_json()}))
+    _, again = simulated(capsys, str(file))
+    assert again["same_end_as_recorded"] is True
+    assert again["episode"] == episode.as_json()
+    file.write_text(json.dumps(again | {"episode": episode.as_json() | {"corrections_m": [1]}}))
+    assert main(["simulate", str(file)]) == 2
+    assert "is no result of" in capsys.readouterr().err
 
 
 def test_given_cells_and_the_same_move_as_values_end_alike(capsys, layout) -> None:

@@ -3,7 +3,7 @@
 import json
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from jaxtyping import Float
@@ -11,7 +11,7 @@ from jaxtyping import Float
 from fusionnet.apps.output_folder import RESULT_FILE
 from fusionnet.blocks import Layout, layout_from_json
 from fusionnet.errors import InputError
-from fusionnet.simulation import Episode
+from fusionnet.simulation import Episode, World
 
 LARGEST_FILE = 20_000_000
 """Bytes; a result takes some ten thousand."""
@@ -25,6 +25,7 @@ class RecordedEpisode:
         robot: Who did it.
         before: The layout in which it began.
         targets: What was executed.
+        corrections: By how much the pinch was moved where the arm looked again, in metres.
         expected: The layout that should have come out, if that was known.
         end: Parts of `Episode.as_json` that tell how it ended.
     """
@@ -32,8 +33,15 @@ class RecordedEpisode:
     robot: str
     before: Layout
     targets: Float[np.ndarray, " k"]
+    corrections: dict[str, Float[np.ndarray, "3"]]
     expected: Layout | None
     end: dict[str, Any]
+
+    def look_again(
+        self, phase: Literal["grasp", "place"], rise: float, world: World
+    ) -> Float[np.ndarray, "3"]:
+        """What was seen then; see `simulation.LookAgain`."""
+        return self.corrections.get(phase, np.zeros(3))
 
     def ends_like(self, episode: Episode) -> bool:
         """Whether another episode ended in the same way, every block within 0.001 mm."""
@@ -54,17 +62,30 @@ def read_episode(path: Path) -> RecordedEpisode:
         wanted = document["layout_expected"]
         expected = None if wanted is None else layout_from_json(wanted)
         targets = np.array(episode["targets"], dtype=float)
+        corrections = {
+            phase: np.array(shift, dtype=float).reshape(3)
+            for phase, shift in episode.get("corrections_m", {}).items()
+        }
         end = _end_of(episode)
     except InputError as error:
         raise InputError(f"{file}: {error}") from None
-    except (KeyError, TypeError, ValueError) as error:
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
         missing = f"it has no {error}" if isinstance(error, KeyError) else str(error)
         raise InputError(
             f"{file} is no result of `fusionnet run` or `fusionnet simulate --json`: {missing}."
         ) from None
     if not isinstance(robot, str):
         raise InputError(f"{file}: the robot is a name, not {robot!r}.")
-    return RecordedEpisode(robot=robot, before=before, targets=targets, expected=expected, end=end)
+    if not all(np.isfinite(shift).all() for shift in corrections.values()):
+        raise InputError(f"{file}: a correction is not finite.")
+    return RecordedEpisode(
+        robot=robot,
+        before=before,
+        targets=targets,
+        corrections=corrections,
+        expected=expected,
+        end=end,
+    )
 
 
 def _decoded(file: Path) -> Any:

@@ -112,7 +112,13 @@ def simulate(config: SimulateConfig) -> int:
     viewer = world.watch() if config.viewer else None
     begin = time.perf_counter()
     try:
-        episode = world.execute(task.targets, task.expected, record=config.video is not None)
+        recorded = task.recorded
+        episode = world.execute(
+            task.targets,
+            task.expected,
+            record=config.video is not None,
+            look_again=recorded.look_again if recorded and recorded.corrections else None,
+        )
     finally:
         if viewer is not None:
             viewer.close()

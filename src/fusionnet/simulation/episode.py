@@ -1,5 +1,6 @@
 """One pick and place in the simulator: what happened, and whether it was what was asked."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -50,7 +51,7 @@ class Episode:
     Attributes:
         success: Whether the world ended as expected; None when nothing was expected.
         reason: Why, in one sentence.
-        targets: What was executed: grasp joints, grasp gripper, place joints, place gripper.
+        targets: What was answered: grasp joints, grasp gripper, place joints, place gripper.
         layout_after: Blocks in the cells where they were measured at the end (off the grid
             where they fell off the board), and the hand.
         grasped: The block that the hand closed on, or None.
@@ -64,6 +65,8 @@ class Episode:
             "its own body".
         seconds: Simulated time.
         phases: Parts of the motion.
+        corrections: How far the pinch was moved from the answered "grasp" and "place" where it was
+            looked again, in the robot frame, in metres; empty where it was not.
         grasp_model: How grasping is simulated.
         recording: States for a film, if recorded.
     """
@@ -80,6 +83,7 @@ class Episode:
     touched: tuple[str, ...]
     seconds: float
     phases: tuple[Phase, ...]
+    corrections: Mapping[str, Float[np.ndarray, "3"]] = field(default_factory=dict)
     grasp_model: str = field(default_factory=describe_grasp_model)
     recording: Recording | None = None
 
@@ -125,6 +129,9 @@ class Episode:
                 {"name": p.name, "start": round(p.start, 3), "end": round(p.end, 3)}
                 for p in self.phases
             ],
+            "corrections_m": {
+                name: [float(value) for value in shift] for name, shift in self.corrections.items()
+            },
             "grasp_model": self.grasp_model,
         }
 

@@ -217,12 +217,15 @@ class World:
         run = Execution(self.robot, hand, self._planner)
         begins_held = hand.held
         touched = {begins_held}
+        targets = np.r_[grasp, grasp_closed, place, place_closed]
+        corrections: dict[str, Float[np.ndarray, "3"]] = {}
 
         if not grasp_closed and hand.closed:
             run.phase("open", hand.open)
         if hand.held is None and not hand.closed:
             if look_again is not None:
-                grasp = run.beside(grasp, look_again("grasp", 0.0, self))
+                corrections["grasp"] = look_again("grasp", 0.0, self)
+                grasp = run.beside(grasp, corrections["grasp"])
             run.phase("ready", lambda: run.to_ready(grasp))
         run.phase("reach", lambda: run.descend(grasp))
         distance: float | None = None
@@ -234,7 +237,8 @@ class World:
         run.phase("move", lambda: run.cross(place))
         if look_again is not None and hand.held is not None:
             rise = run.phase("look", lambda: run.hover(place))
-            place = run.beside(place, look_again("place", rise, self))
+            corrections["place"] = look_again("place", rise, self)
+            place = run.beside(place, corrections["place"])
         run.phase("place", lambda: run.set_down(place))
         if not place_closed:
             run.phase("release", hand.open)
@@ -260,7 +264,7 @@ class World:
         episode = Episode(
             success=success,
             reason=reason,
-            targets=np.r_[grasp, grasp_closed, place, place_closed],
+            targets=targets,
             layout_after=self.layout,
             grasped=None if grasped is None else self.blocks[grasped],
             errors=errors,
@@ -270,6 +274,7 @@ class World:
             touched=tuple(sorted(hand.touched)),
             seconds=hand.seconds - start,
             phases=tuple(run.phases),
+            corrections=corrections,
             recording=self._recording() if record else None,
         )
         hand.frames = None
