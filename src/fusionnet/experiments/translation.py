@@ -73,8 +73,8 @@ def decoded(
         sentence_accuracy: Share of commands whose tokens are all right.
         without_positions: Share whose tree is right where word positions do not count; not
             where only the tree's values are written.
-        wrong_positions, wrong_colors: Of the wrong tokens, each given the right ones before,
-            the share that should be a word's position or a colour.
+        wrong_colors, wrong_positions: Of the wrong tokens, each given the right ones before,
+            the share that should be a colour, or a word's position where these are written.
         attention_on_words: Of the attention at a value that words say, the share on those
             words, in the last layer, averaged over its heads; where the tree is right.
         uniform_attention: The same, were all words looked at alike.
@@ -123,18 +123,20 @@ def on_words(found: Hypothesis, tokens: Sequence[str], words: int) -> Iterator[t
 
 def wrong_tokens(translator: Transformer, commands: Sequence[Command]) -> dict[str, float]:
     """What should have stood where a wrong token stands, given the right ones before."""
-    colors = {translator.target.number(color) for color in Color}
-    places = {translator.target.number(w) for w in translator.target.words if w.isdigit()}
+    words = translator.target.words
+    said = [str(color) for color in Color]
+    colors = {translator.target.number(w) for w in words if w.removeprefix("color:") in said}
+    places = {translator.target.number(w) for w in words if w.isdigit()}
     wrong: list[int] = []
     for command in commands:
         target = translator.wanted(command.sentence, command.tree)
         if len(target) < translator.network.config.longest:
             wrong += translator.missed([t.text for t in tokenize(command.sentence)], target)
     n = max(len(wrong), 1)
-    return {
-        "wrong_positions": sum(number in places for number in wrong) / n,
-        "wrong_colors": sum(number in colors for number in wrong) / n,
-    }
+    shares = {"wrong_colors": sum(number in colors for number in wrong) / n}
+    if translator.writes == "rcl":
+        shares["wrong_positions"] = sum(number in places for number in wrong) / n
+    return shares
 
 
 def _stated(metric: str, mean: float) -> Published:
