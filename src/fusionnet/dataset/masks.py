@@ -34,7 +34,7 @@ def encode_masks(
         mine = np.flatnonzero(seen == block)
         borders = np.column_stack([starts[mine], ends[mine]]).ravel()
         lengths = np.diff(np.concatenate([[0], borders, [height * width]]))
-        encoded.append([int(n) for n in (lengths if lengths[-1] else lengths[:-1])])
+        encoded.append((lengths if lengths[-1] else lengths[:-1]).tolist())
     return encoded
 
 

@@ -146,7 +146,10 @@ class Offscreen:
             pixels = self._pixels(size)
         finally:
             np.copyto(flags, kept)
-        return pixels[..., 0] + pixels[..., 1].astype(np.int32) * 256
+        numbers: np.ndarray = pixels[..., 1].astype(np.int32)
+        numbers *= 256
+        numbers += pixels[..., 0]
+        return numbers
 
     def _pixels(self, size: tuple[int, int] | None) -> UInt8[np.ndarray, "h w 3"]:
         width, height = size or self.size

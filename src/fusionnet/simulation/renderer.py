@@ -11,7 +11,13 @@ from scipy import ndimage
 from fusionnet.blocks.grid import Block, Layout
 from fusionnet.catalogue import did_you_mean
 from fusionnet.errors import InputError, UnknownNameError
-from fusionnet.geometry import PinholeCamera, invert, rotation_from_vector, transform
+from fusionnet.geometry import (
+    PinholeCamera,
+    PointBehindCameraError,
+    invert,
+    rotation_from_vector,
+    transform,
+)
 from fusionnet.robots import Robot, load
 from fusionnet.simulation.appearance import Appearance
 from fusionnet.simulation.offscreen import Offscreen
@@ -26,7 +32,7 @@ from fusionnet.simulation.scenery import (
     picture_model,
     set_lights,
 )
-from fusionnet.simulation.silhouettes import silhouette_areas, visible_shares
+from fusionnet.simulation.silhouettes import Region, region_of, silhouette_areas, visible_shares
 from fusionnet.simulation.tabletop import (
     EXTERNAL_POSITION,
     EXTERNAL_TARGET,
@@ -207,19 +213,20 @@ class SceneRenderer:
         self._offscreen.aim(pinhole)
         image = appearance.develop(self._offscreen.picture())
         distances = self._offscreen.depth() if depth else None
-        block_at = None
-        if labels or masks:
-            identities = self._offscreen.identities() - first
+        block_at = np.full(self.size[::-1], -1, np.int16) if masks else None
+        visible, boxes = np.zeros(len(blocks), int), np.zeros((len(blocks), 4))
+        shares = np.zeros(len(blocks))
+        corners = drawn_corners(blocks, poses)
+        region = self._region(pinhole, corners) if labels or masks else None
+        if region is not None:
+            left, top, right, bottom = region
+            identities = self._offscreen.identities()[top:bottom, left:right] - first
             visible, boxes = visible_boxes(identities, len(blocks))
-            shares = visible_shares(
-                visible, silhouette_areas(pinhole, drawn_corners(blocks, poses))
-            )
-            if masks:
+            boxes[visible > 0] += [left, top, left, top]
+            shares = visible_shares(visible, silhouette_areas(pinhole, corners))
+            if block_at is not None:
                 shown = (identities > 0) & (identities <= len(blocks))
-                block_at = np.where(shown, identities - 1, -1).astype(np.int16)
-        else:
-            visible, boxes = np.zeros(len(blocks), int), np.zeros((len(blocks), 4))
-            shares = np.zeros(len(blocks))
+                block_at[top:bottom, left:right] = np.where(shown, identities - 1, -1)
         seen = np.flatnonzero(visible)
         classes = np.array([b.class_index for b in blocks], dtype=int)
         return View(
@@ -255,6 +262,13 @@ class SceneRenderer:
     def close(self) -> None:
         """Free the OpenGL context."""
         self._offscreen.close()
+
+    def _region(self, camera: PinholeCamera, corners: Float[np.ndarray, "n 8 3"]) -> Region | None:
+        """The part of the picture where blocks may be; all of it with one behind the camera."""
+        try:
+            return region_of(camera, corners)
+        except PointBehindCameraError:
+            return (0, 0, *self.size)
 
     def _external(self) -> tuple[Float[np.ndarray, "4 4"], float]:
         forward = EXTERNAL_TARGET - EXTERNAL_POSITION

@@ -1,4 +1,4 @@
-"""How large a block would appear if nothing stood before it."""
+"""Where blocks would appear if nothing stood before them, and how large."""
 
 import cv2
 import numpy as np
@@ -7,6 +7,28 @@ from jaxtyping import Float, Int
 from fusionnet.geometry import PinholeCamera, apply
 
 _NEAREST = 0.01
+
+Region = tuple[int, int, int, int]
+"""Left, top, right and bottom edge of a part of a picture, in pixels."""
+
+
+def region_of(camera: PinholeCamera, corners: Float[np.ndarray, "n k 3"]) -> Region | None:
+    """The part of the picture where bodies may be, a pixel wider on each side; None for no part.
+
+    Args:
+        camera: Who looks.
+        corners: Of every body, in the camera's `robot` frame, in metres.
+
+    Raises:
+        PointBehindCameraError: If a corner is not in front of the camera.
+    """
+    if not len(corners):
+        return None
+    size = (camera.width, camera.height)
+    pixels = camera.project(corners.reshape(-1, 3)) + 0.5
+    left, top = np.clip(np.floor(pixels.min(axis=0)) - 1, 0, size).astype(int).tolist()
+    right, bottom = np.clip(np.ceil(pixels.max(axis=0)) + 1, 0, size).astype(int).tolist()
+    return (left, top, right, bottom) if left < right and top < bottom else None
 
 
 def silhouette_areas(

@@ -22,7 +22,7 @@ from fusionnet.simulation import BLOCK_COLORS, Appearance, View
 from fusionnet.simulation.offscreen import Offscreen
 from fusionnet.simulation.renderer import visible_boxes
 from fusionnet.simulation.scenery import add_blocks, board_center, picture_model, set_lights
-from fusionnet.simulation.silhouettes import silhouette_areas, visible_shares
+from fusionnet.simulation.silhouettes import Region, region_of, silhouette_areas, visible_shares
 from fusionnet.simulation.tabletop import BlockPoses, drawn_corners, ideal_poses
 from fusionnet.views.lighting import estimate_light
 from fusionnet.views.noise import Look
@@ -39,8 +39,6 @@ _TWIN_SCALE = 0.95
 _BLACK = np.zeros(3)
 _BOARD = np.eye(4)
 _PLAIN = Look()
-
-Region = tuple[int, int, int, int]
 
 
 @dataclass(frozen=True, eq=False)
@@ -180,17 +178,12 @@ class OverlayRenderer:
         self, camera: PinholeCamera, corners: Float[np.ndarray, "n 8 3"], name: str
     ) -> Region | None:
         """Left, top, right and bottom edge of the part of the picture where blocks may be."""
-        if not len(corners):
-            return None
         try:
-            pixels = camera.project(corners.reshape(-1, 3)) + 0.5
+            return region_of(camera, corners)
         except PointBehindCameraError as error:
             raise PointBehindCameraError(
                 f"The camera of view {name!r} looks from among the blocks; choose another view."
             ) from error
-        left, top = np.clip(np.floor(pixels.min(axis=0)) - 1, 0, self.size).astype(int).tolist()
-        right, bottom = np.clip(np.ceil(pixels.max(axis=0)) + 1, 0, self.size).astype(int).tolist()
-        return (left, top, right, bottom) if left < right and top < bottom else None
 
     def _set_scene(
         self,
