@@ -1,10 +1,11 @@
 """How near calibration, poses and the estimated light come to the truth.
 
-    MUJOCO_GL=egl OMP_NUM_THREADS=1 python benchmarks/views.py --photographs FOLDER
+    MUJOCO_GL=egl OMP_NUM_THREADS=1 python benchmarks/views.py --photographs FOLDER --images 60
 
-prints three things as JSON. Photographs (with `--photographs`, of a board of 10 x 7 squares of
+prints four things as JSON. Photographs (with `--photographs`, of a board of 10 x 7 squares of
 2.5 cm, OpenCV's samples): the calibration's reprojection error, and its focal length against
-`cv2.calibrateCamera`'s own. Rooms' light: the
+`cv2.calibrateCamera`'s own. Rooms (with `--images`, photographs a room): the six rooms are
+photographed and calibrated, and lenses and poses compared with the true ones. Rooms' light: the
 lamp that an overlay estimates in the fifteen shipped views, whose lamp is known and far away, so
 that the board is evenly bright. Near lamps: the same with a lamp half a metre from the board.
 """
@@ -13,6 +14,7 @@ import json
 import os
 import platform
 import subprocess
+import tempfile
 import time
 from dataclasses import dataclass
 from importlib.metadata import version
@@ -30,7 +32,13 @@ from fusionnet.views.calibration import calibrate
 from fusionnet.views.checkerboard import Checkerboard
 from fusionnet.views.importing import import_views
 from fusionnet.views.lighting import estimate_light
-from fusionnet.views.photographing import photograph_names, photograph_pose
+from fusionnet.views.photographing import (
+    chosen_views,
+    photograph_names,
+    photograph_pose,
+    photograph_rooms,
+    room_errors,
+)
 from fusionnet.views.photographs import find_boards
 from fusionnet.views.pose import GridPlacement, facing
 from fusionnet.views.rooms import BOARD, PLACEMENT, ROOMS, Room, RoomPhotographer, view_poses
@@ -44,11 +52,13 @@ class Config:
 
     Attributes:
         photographs: Folder of real photographs; left out, only rooms are measured.
+        images: Photographs a room, which take minutes; 0 leaves the calibration of rooms out.
         lamps: Places of a near lamp, around the board.
         seed: Of the cameras' poses.
     """
 
     photographs: Path | None = None
+    images: int = 0
     lamps: int = 12
     seed: int = 0
 
@@ -74,6 +84,19 @@ def photographs_against_opencv(folder: Path) -> dict[str, Any]:
         "focal_lengths_apart_percent": round(100 * float(np.abs(ours / theirs - 1).max()), 3),
         "showing_the_whole_grid": len(import_views(calibration).views),
     }
+
+
+def rooms_against_truth(images: int, seed: int) -> dict[str, Any]:
+    """Errors of lenses and poses of the six rooms, which are photographed anew."""
+    with tempfile.TemporaryDirectory() as folder:
+        places = photograph_rooms(Path(folder), images, seed=seed)
+        calibration = calibrate([find_boards(place, BOARD) for place in places], BOARD)
+        return {
+            "photographs_taken": images * len(places),
+            "mean_reprojection_error_px": round(calibration.mean_error, 4),
+            **{name: round(x, 4) for name, x in room_errors(calibration).as_json().items()},
+            "views": len(import_views(calibration, only=chosen_views()).views),
+        }
 
 
 def lamp_error(view: EnvironmentalView, ray: np.ndarray) -> dict[str, float]:
@@ -175,9 +198,10 @@ def measure(config: Config) -> dict[str, Any]:
     real = photographs_against_opencv(config.photographs) if config.photographs else None
     return {
         "photographs": real,
+        "rooms": rooms_against_truth(config.images, config.seed) if config.images else None,
         "light_of_rooms": summary(shipped_rooms()),
         "light_of_near_lamps": summary(near_lamps(config.lamps, config.seed)),
-        "command": "python benchmarks/views.py --photographs FOLDER",
+        "command": f"python benchmarks/views.py --photographs FOLDER --images {config.images}",
         "seed": config.seed,
         "duration_seconds": round(time.perf_counter() - begun, 1),
         "commit": subprocess.run(
