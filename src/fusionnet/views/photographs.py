@@ -125,11 +125,8 @@ def find_boards(
     usable = sum(photograph.corners is not None for photograph in photographs)
     if size is None or usable < fewest:
         reasons = [f"{p.file.name}: {p.reason}" for p in photographs if p.reason]
-        why = (
-            f" ({'; '.join(reasons[:3])}). Is the board one of {board.columns} x {board.rows} squares?"
-            if reasons
-            else "; take more."
-        )
+        squares = f"{board.columns} x {board.rows} squares"
+        why = f" ({'; '.join(reasons[:3])}). Is the board one of {squares}?" if reasons else "."
         raise InputError(
             f"Of {len(photographs)} photographs in {folder} {usable} can be used, at least "
             f"{fewest} {'is' if fewest == 1 else 'are'} needed{why}"
