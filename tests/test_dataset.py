@@ -29,7 +29,7 @@ from fusionnet.dataset.reader import StoredPictures, StoredSamples
 from fusionnet.dataset.recipes import Recipe, Recipes, held_out_layouts
 from fusionnet.dataset.sample import encode_jpeg, make_sample
 from fusionnet.dataset.schema import COLUMNS
-from fusionnet.dataset.shots import Eyes
+from fusionnet.dataset.shots import Eyes, Photographs
 from fusionnet.errors import DataError, InputError, OutputError, UnknownNameError
 from fusionnet.geometry import rotation_from_vector, transform
 from fusionnet.randomness import generator
@@ -363,3 +363,18 @@ def test_a_reduced_picture_is_decoded_like_the_whole_one():
     assert np.abs(reduced.astype(int) - wanted).mean() < 3
     with pytest.raises(DataError, match="none instead of 960 x 540"):
         decode(jpeg[:50], (960, 540), EYE_FRAME)
+
+
+def test_a_cameras_noise_is_an_option_and_older_plans_have_it(plan, sources):
+    before = plan.as_json()
+    del before["sensor"]
+    assert BuildPlan.from_json(json.loads(json.dumps(before))) == plan
+    layout = Layout((Block(Color.RED, Shape.CUBE, Cell(2, 3, 0)),))
+    views = sources.environmental_views()
+    noisy, plain = (
+        Photographs(views, "nico", SIZE, 0.15, sensor=sensor).shot(layout, views[0].name, 3, True)
+        for sensor in (True, False)
+    )
+    np.testing.assert_array_equal(noisy.view.block_at, plain.view.block_at)
+    assert np.any(noisy.view.image != plain.view.image)
+    assert json.loads(plain.noise)["kind"] == "level one"

@@ -58,6 +58,8 @@ class BuildConfig:
     """Share of the training samples in views with level-one noise."""
     strength: float = 0.15
     """Of that noise's displacements, 0 to 1; at 1, as in the thesis, blocks leave their cells."""
+    sensor: bool = True
+    """Whether pictures with that noise are blurred, white balanced and grained like a camera's."""
     seed: int = 0
     """Source of all randomness."""
     size: tuple[int, int] = (960, 540)

@@ -73,6 +73,7 @@ class BuildPlan:
         noised: Share of the training samples in views with level-1 noise (thesis: 3 of 4).
         strength: Of that noise's displacements, 0 to 1; at 1, as in the thesis, blocks stray into
             the next cell (see `views.level_one`).
+        sensor: Whether pictures with that noise are blurred, white balanced and grained, too.
         seed: Source of all randomness.
         size: Width and height of pictures, in pixels.
         quality: Of the JPEGs, 1 to 100.
@@ -91,6 +92,7 @@ class BuildPlan:
     invented: float = 0.3
     noised: float = 0.75
     strength: float = 0.15
+    sensor: bool = True
     seed: int = 0
     size: tuple[int, int] = (960, 540)
     quality: int = 90
@@ -141,7 +143,8 @@ class BuildPlan:
             DataError: If the values are not those of a plan.
         """
         try:
-            read = {f.name: values[f.name] for f in fields(cls)}
+            known = {"sensor": True} | dict(values)  # which older plans do not mention
+            read = {f.name: known[f.name] for f in fields(cls)}
             read["counts"] = tuple((str(s), int(n)) for s, n in read["counts"].items())
             read["views"] = (tuple(read["views"]["train"]), tuple(read["views"]["val"]))
             read["eyes"], read["size"] = tuple(read["eyes"]), tuple(map(int, read["size"]))

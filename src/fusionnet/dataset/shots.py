@@ -70,6 +70,7 @@ class Photographs:
         robot: Name of the robot in whose frame cameras are given.
         size: Width and height of pictures, in pixels.
         strength: Of the level-one noise, 0 to 1; see `views.level_one`.
+        sensor: Whether a noised picture gets the noise of a camera, too.
 
     Raises:
         RenderingError: If pictures cannot be rendered here.
@@ -81,11 +82,12 @@ class Photographs:
         robot: str,
         size: tuple[int, int],
         strength: float,
+        sensor: bool = True,
     ) -> None:
         self._renderer = OverlayRenderer(size, robot)
         self._views = {view.name: view for view in views}
         self._noise = level_one(strength)
-        self._sensor = SensorNoise(quality=None)
+        self._sensor = SensorNoise(quality=None) if sensor else None
 
     def shot(self, layout: Layout, name: str, seed: int, noised: bool) -> Shot:
         """A layout in a view; if noised, its look depends on the seed alone.
@@ -103,8 +105,11 @@ class Photographs:
             rng = generator(seed, "look")
             look = self._noise.sample(rng, max(len(layout.blocks), 1))
             view = self._renderer.view(layout, photograph, look, masks=True)
-            view = replace(view, image=self._sensor.apply(view.image, rng))
-            noise = {"kind": "level one and sensor", **_short_values(look)}
+            kind = "level one"
+            if self._sensor is not None:
+                view = replace(view, image=self._sensor.apply(view.image, rng))
+                kind = "level one and sensor"
+            noise = {"kind": kind, **_short_values(look)}
         return Shot(
             view=view,
             camera_from_board=photograph.camera_from_board,

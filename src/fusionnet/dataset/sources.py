@@ -77,8 +77,9 @@ class Studio:
         self.recipes = Recipes(plan, load_corpus(plan.corpus, sources.data))
         self._eyes = Eyes(plan.robot, plan.size)
         views = sources.environmental_views()
-        size, strength = plan.size, plan.strength
-        self._photographs = Photographs(views, plan.robot, size, strength) if views else None
+        self._photographs = (
+            Photographs(views, plan.robot, plan.size, plan.strength, plan.sensor) if views else None
+        )
 
     def shot(self, recipe: Recipe) -> Shot:
         """The picture that a recipe asks for."""
