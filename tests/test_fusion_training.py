@@ -1,16 +1,20 @@
 """What the fusion part is trained on, and that training it runs."""
 
+import json
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
+import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from fusionnet.blocks import Layout, plan, random_layout, validate
 from fusionnet.corpora import load_corpus
 from fusionnet.errors import DataError, InputError, RenderingError
-from fusionnet.models.fusionnet import FusionNet
+from fusionnet.models.fusionnet import FusionNet, compact
 from fusionnet.models.retinanet import RetinaNet
 from fusionnet.rcl import Action, events, format
 from fusionnet.simulation import SceneRenderer
@@ -23,6 +27,7 @@ from fusionnet.training.reader_outputs import (
     save_reader_outputs,
 )
 from fusionnet.training.simulated_readings import cells_of, exact_readings, simulated_readings
+from tiny_treebank import write_tiny_treebank
 
 DETECTOR = Path(__file__).resolve().parent.parent / "src/fusionnet/weights/compact/detector"
 
@@ -195,3 +200,31 @@ def test_training_writes_a_checkpoint_with_its_metrics(data_folder: Path, tmp_pa
 def test_a_corpus_without_training_groups_teaches_nothing() -> None:
     with pytest.raises(InputError, match="no training groups"):
         train(FusionConfig(corpus="examples"))
+
+
+def test_two_processes_train_one_network_on_the_mean_of_their_batches(tmp_path: Path) -> None:
+    corpus = write_tiny_treebank(tmp_path / "corpus")
+    script = tmp_path / "train.py"
+    script.write_text("import sys\nfrom fusionnet.apps.cli import main\nsys.exit(main())\n")
+    out, work = tmp_path / "fusion", tmp_path / "work"
+    words = ["train", "fusion", "--data", str(corpus), "--out", str(out), "--work", str(work)]
+    words += ["--batch", "3", "--loop.steps", "2", "--loop.devices", "2", "--loop.log-every", "1"]
+    ran = subprocess.run(
+        [sys.executable, str(script), *words, "--loop.no-tensorboard"],
+        capture_output=True,
+        text=True,
+        timeout=240,
+    )
+    assert ran.returncode == 0, ran.stderr
+    assert "test exact" in json.loads(ran.stdout)  # printed once, by the first process
+    lines = [json.loads(line) for line in (work / "log.jsonl").read_text().splitlines()]
+    assert [line["step"] for line in lines] == [1, 2]
+    assert isinstance(FusionNet.from_folder(out), FusionNet)
+
+    examples = PlannedExamples(load_corpus("treebank", corpus).split("train"))
+    config, untrained = FusionConfig(batch=3), compact()
+    with torch.no_grad():
+        first = [untrained.losses(*draw_batch(examples, None, config, step)) for step in (0, 1)]
+    for name in first[0]:
+        mean = float(first[0][name] + first[1][name]) / 2
+        assert lines[0][name] == pytest.approx(mean, rel=1e-4), name

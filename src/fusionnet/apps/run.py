@@ -13,7 +13,7 @@ from fusionnet.apps.cli import EXIT_MISSED
 from fusionnet.apps.output_folder import check_writable
 from fusionnet.apps.setting import setting_of
 from fusionnet.catalogue import did_you_mean
-from fusionnet.errors import CheckpointError, DoubtError, UnknownNameError
+from fusionnet.errors import DoubtError, UnknownNameError
 from fusionnet.sentences import readable_words
 from fusionnet.views.picture_file import read_picture
 
@@ -53,7 +53,7 @@ class RunConfig:
     """Seed of a random scene, and of the symbolic policy's samples."""
 
     policy: str = "fusion"
-    """What answers: "fusion", "symbolic", or the folder of a checkpoint."""
+    """What answers: "fusion", "symbolic", or checkpoints: a folder, or owner/name on the hub."""
 
     eyes: Literal["left", "both"] = "left"
     """Whether the left eye looks, or both."""
@@ -128,14 +128,9 @@ def _policy_choice(name: str) -> tuple[Kind, str]:
     """The kind of policy, and the checkpoint that it is loaded from."""
     if name in POLICIES:
         return POLICIES[name], "compact"
-    if Path(name).is_dir():
+    if "/" in name or Path(name).exists():  # a folder, or a name on the hub
         return "fusion", name
-    if "/" in name or Path(name).exists():
-        raise CheckpointError(
-            f"{name} is not a folder; expected one that holds the checkpoints detector, "
-            "translator and fusion."
-        )
     raise UnknownNameError(
-        f"No policy called {name!r}; available: {', '.join(POLICIES)}, or the folder of a "
-        f"checkpoint.{did_you_mean(name, list(POLICIES))}"
+        f"No policy called {name!r}; available: {', '.join(POLICIES)}, or the folder or hub name "
+        f"of checkpoints.{did_you_mean(name, list(POLICIES))}"
     )

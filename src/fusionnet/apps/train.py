@@ -54,7 +54,7 @@ TRANSLATOR_PRESETS = {"compact": TranslatorConfig, "thesis": ThesisTranslatorCon
 
 def fusion(
     config: FusionConfig | ThesisFusionConfig | SmallThesisFusionConfig,
-) -> dict[str, Any]:
+) -> dict[str, Any] | None:
     """Train FusionNet: picture and sentence to the fourteen values.
 
     --preset compact (what we ship): the tree carried out on the layout that was seen.
@@ -64,9 +64,10 @@ def fusion(
     `--work` folder says. Prints its metrics as JSON.
     """
     with bars() as bar:
+        # Of several processes, one a device, all but the first have nothing to print.
         if isinstance(config, ThesisFusionConfig):
-            return train_thesis_fusion(config, progress=bar("training"))
-        return train_fusion(config, progress=bar("training"), rendering=bar("rendering"))
+            return train_thesis_fusion(config, progress=bar("training")) or None
+        return train_fusion(config, progress=bar("training"), rendering=bar("rendering")) or None
 
 
 FUSION_PRESETS = {

@@ -15,6 +15,9 @@ from fusionnet.models.checkpoint import CONFIG_FILE, WEIGHTS_FILE
 
 CARD_FILE = "README.md"
 
+FILES = (CONFIG_FILE, WEIGHTS_FILE, CARD_FILE)
+"""All that is ever fetched of a checkpoint."""
+
 _REPOSITORY = re.compile(r"[\w][\w.-]{0,95}/[\w][\w.-]{0,95}")
 
 
@@ -31,11 +34,30 @@ def checkpoint_folder(name: str | Path, *, revision: str | None = None) -> Path:
     folder = Path(name)
     if folder.is_dir():
         return folder
-    if not isinstance(name, str) or not _REPOSITORY.fullmatch(name):
+    if not is_hub_name(name):
         raise CheckpointError(
             f"No checkpoint at {name}: expected a folder with {CONFIG_FILE} and {WEIGHTS_FILE}, "
             "or a hub name like owner/name."
         )
+    return fetched(str(name), FILES, revision=revision)
+
+
+def is_hub_name(name: str | Path) -> bool:
+    """Whether this may be a repository on the hub: `owner/name`, given as text."""
+    return isinstance(name, str) and _REPOSITORY.fullmatch(name) is not None
+
+
+def fetched(name: str, files: Sequence[str], *, revision: str | None = None) -> Path:
+    """The folder of some files of a repository, fetched first or found in the hub's cache.
+
+    Args:
+        name: `owner/name` on the hub.
+        files: What is wanted of it; what it lacks is left out.
+        revision: Branch, tag or commit on the hub.
+
+    Raises:
+        CheckpointError: If it cannot be fetched.
+    """
     if importlib.util.find_spec("huggingface_hub") is None:
         raise CheckpointError(
             f"{name} is no folder here, and to fetch it from the hub huggingface-hub is missing: "
@@ -43,9 +65,8 @@ def checkpoint_folder(name: str | Path, *, revision: str | None = None) -> Path:
         )
     from huggingface_hub import snapshot_download
 
-    files = [CONFIG_FILE, WEIGHTS_FILE, CARD_FILE]
     try:
-        return Path(snapshot_download(name, revision=revision, allow_patterns=files))
+        return Path(snapshot_download(name, revision=revision, allow_patterns=list(files)))
     except Exception as error:  # its own errors, those of its HTTP client, and the system's
         lines = [line for line in str(error).strip().splitlines() if line]
         reason = lines[0][:160] if lines else type(error).__name__

@@ -11,7 +11,6 @@ import functools
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from importlib import resources
 from pathlib import Path
 from typing import Literal, get_args
 
@@ -21,14 +20,15 @@ from jaxtyping import Float, UInt8
 from fusionnet.blocks.voting import Vote, likely_layout, vote
 from fusionnet.catalogue import did_you_mean
 from fusionnet.errors import InputError, PlanningError, UnknownNameError
-from fusionnet.models.checkpoint import CONFIG_FILE
 from fusionnet.models.fusionnet import FusionNet
+from fusionnet.models.hub import check_robot
 from fusionnet.models.retinanet import RetinaNet, Sight
 from fusionnet.models.translator import Reading, Translator
 from fusionnet.policy._answer import Answer, Pose, detections
 from fusionnet.policy._check import refuse_doubtful
 from fusionnet.policy._eyes import both_seen
 from fusionnet.policy._placing import with_boxed_blocks
+from fusionnet.policy._weights import SHIPPED, weights_folder
 from fusionnet.randomness import generator
 from fusionnet.robots import load as load_robot
 from fusionnet.simulation import joint_targets
@@ -36,9 +36,6 @@ from fusionnet.simulation import joint_targets
 Kind = Literal["fusion", "symbolic"]
 
 Picture = UInt8[np.ndarray, "h w 3"]
-
-SHIPPED = ("compact",)
-"""Names of the policies inside this package."""
 
 
 class Policy:
@@ -167,32 +164,40 @@ def load_policy(
     seed: int = 0,
     check: bool = False,
     displaced: bool = False,
+    robot: str | None = None,
 ) -> Policy:
-    """A policy from a shipped name or from a folder of checkpoints.
+    """A policy from a shipped name, a folder of checkpoints, or one on the hub.
 
     Args:
         name: One of `SHIPPED`, or a folder that holds `detector`, `translator` and `fusion`, and
-            `detector-right` if two eyes are to look.
+            `detector-right` if two eyes are to look; or `owner/name` of such a one on the hub.
         kind: `fusion` or `symbolic`.
         seed: Of the symbolic vote's sampling.
         check: Whether to refuse a move where the two kinds disagree (DoubtError).
         displaced: Whether blocks may stand well beside the middle of their cells.
+        robot: Who is to move; by default whichever the policy was trained for.
 
     Raises:
-        UnknownNameError: If the name is neither shipped nor a folder, or the kind is unknown.
-        CheckpointError: If a checkpoint is missing, damaged or of another version.
+        UnknownNameError: If the name is neither shipped, a folder nor a hub's, or the kind is
+            unknown.
+        CheckpointError: If a checkpoint is missing, damaged, of another version or for another
+            robot, or cannot be fetched.
     """
     if kind not in get_args(Kind):
         raise UnknownNameError(
             f"No policy of the kind {kind!r}; available: {', '.join(get_args(Kind))}."
             + did_you_mean(str(kind), list(get_args(Kind)))
         )
-    folder = weights_folder(name)
-    detector, translator, fusion, right = _models(folder)
+    # What this package holds does not change while it runs; a folder may.
+    read = _shipped if str(name) in SHIPPED else _models
+    detector, translator, fusion, right = read(weights_folder(name))
+    trained = fusion.config["robot"]
+    check_robot(str(name), trained, fusion.config["joint_names"], robot)
     return Policy(
         detector,
         translator,
         fusion,
+        robot=trained,
         kind=kind,
         seed=seed,
         check=check,
@@ -201,35 +206,6 @@ def load_policy(
     )
 
 
-def weights_folder(name: str | Path) -> Path:
-    """Where a shipped policy, or one in a folder, has its checkpoints.
-
-    Raises:
-        UnknownNameError: If it is neither.
-    """
-    if str(name) in SHIPPED:
-        return Path(str(resources.files("fusionnet"))) / "weights" / str(name)
-    folder = Path(name)
-    if not folder.is_dir():
-        raise UnknownNameError(
-            f"No policy called {str(name)!r}; available: {', '.join(SHIPPED)}, or a folder that "
-            "holds the checkpoints detector, translator and fusion."
-            + did_you_mean(str(name), list(SHIPPED))
-        )
-    return folder
-
-
-def detector_folder(name: str | Path) -> Path:
-    """Where the detector of a shipped policy, of one in a folder, or one of its own lies.
-
-    Raises:
-        UnknownNameError: If it is none of these.
-    """
-    own = Path(name)
-    return own if (own / CONFIG_FILE).is_file() else weights_folder(name) / "detector"
-
-
-@functools.lru_cache(maxsize=2)
 def _models(folder: Path) -> tuple[RetinaNet, Translator, FusionNet, RetinaNet | None]:
     right = folder / "detector-right"
     return (
@@ -238,6 +214,9 @@ def _models(folder: Path) -> tuple[RetinaNet, Translator, FusionNet, RetinaNet |
         FusionNet.from_folder(folder / "fusion"),
         RetinaNet.from_folder(right) if right.is_dir() else None,
     )
+
+
+_shipped = functools.lru_cache(maxsize=1)(_models)
 
 
 def _cell_shares(elected: Vote, end: Literal["source", "target"]) -> Float[np.ndarray, "512"]:

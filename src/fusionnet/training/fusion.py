@@ -9,6 +9,7 @@ import logging
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, field
+from itertools import count
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -25,7 +26,7 @@ from fusionnet.models.program_pack import PackedPrograms, pack
 from fusionnet.models.retinanet import RetinaNet
 from fusionnet.models.tree_program import compile_tree
 from fusionnet.randomness import generator
-from fusionnet.training.loop import LoopConfig, fit
+from fusionnet.training.loop import LoopConfig, fit, is_first_process
 from fusionnet.training.optimizers import OptimizerConfig
 from fusionnet.training.planned_examples import Example, PlannedExamples
 from fusionnet.training.reader_outputs import (
@@ -128,6 +129,9 @@ def train(
 ) -> dict[str, Any]:
     """Train, write the checkpoint, and return what it can do on val and test groups.
 
+    Of several processes, one a device, only the first measures and saves; the others return
+    nothing.
+
     Args:
         config: How to train.
         progress: Called after every step with step, steps and the latest log line.
@@ -150,10 +154,12 @@ def train(
     model = compact(config.robot)
 
     def batches(first: int) -> Iterator[FusionBatch]:
-        for step in range(first, config.loop.steps):
+        for step in count(first):  # several devices share them: more than steps
             yield draw_batch(examples, outputs, config, step)
 
     fit(model, batches, _losses, config.loop, folder=config.work, progress=progress)
+    if not is_first_process():
+        return {}
     metrics = evaluate_cells(model, {p: corpus.split(p) for p in ("val", "test")}, config.seed)
     metrics["minutes"] = round((time.monotonic() - began) / 60, 1)
     here = ("out", "work", "data", "reader", "pictures")

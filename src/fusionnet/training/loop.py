@@ -113,8 +113,10 @@ def fit(
     Raises:
         CheckpointError: If the state in `folder` is damaged, or of another model.
     """
+    # A parameter need not take part in every batch: a relation that no sentence speaks of.
     fabric = Fabric(
         accelerator=config.accelerator,
+        strategy="ddp_find_unused_parameters_true" if config.devices > 1 else "auto",
         devices=config.devices,
         precision=precision_of(config),  # type: ignore[arg-type]
     )

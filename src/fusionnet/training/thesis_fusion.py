@@ -30,7 +30,7 @@ from fusionnet.models.transformer_network import TransformerConfig
 from fusionnet.randomness import derived_seed
 from fusionnet.training.fusion_examples import FusionExamples, joint_limits, vocabularies
 from fusionnet.training.journal import LogLine
-from fusionnet.training.loop import Progress, fit
+from fusionnet.training.loop import Progress, fit, is_first_process
 from fusionnet.training.thesis_fusion_config import ThesisFusionConfig
 from fusionnet.training.thesis_measures import measure
 from fusionnet.training.transfer import transfer_detector, transfer_transformer
@@ -42,6 +42,9 @@ log = logging.getLogger(__name__)
 def train(config: ThesisFusionConfig, *, progress: Progress | None = None) -> dict[str, Any]:
     """Train, measure, and save; returns the metrics by split.
 
+    Of several processes, one a device, only the first measures and saves; the others return
+    nothing.
+
     Raises:
         DataError: If the data set is not finished, or damaged.
         UnknownNameError: If there is no such split, backbone, fuser or head.
@@ -49,6 +52,8 @@ def train(config: ThesisFusionConfig, *, progress: Progress | None = None) -> di
         OutputError: If the checkpoint cannot be written.
     """
     model, history, measured = run(config, progress=progress)
+    if not is_first_process():
+        return {}
     metrics = {"loss": history[-1]["loss"] if history else None, **measured}
     here = ("out", "work", "dataset", "detector", "translator")
     described = {k: v for k, v in asdict(config).items() if k not in here}
@@ -90,7 +95,7 @@ def run(
         progress=progress,
     )
     measured = {}
-    for split, examples in checked.items():
+    for split, examples in checked.items() if is_first_process() else ():
         episodes = 0 if split == "train" else config.episodes
         measured[split] = measure(model, examples, config.checked, episodes=episodes)
     return model, history, measured

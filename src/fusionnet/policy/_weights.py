@@ -1,0 +1,49 @@
+"""Where a policy's checkpoints lie: in this package, in a folder, or on the hub."""
+
+from importlib import resources
+from pathlib import Path
+
+from fusionnet.catalogue import did_you_mean
+from fusionnet.errors import UnknownNameError
+from fusionnet.models.checkpoint import CONFIG_FILE
+from fusionnet.models.hub import FILES, fetched, is_hub_name
+
+SHIPPED = ("compact",)
+"""Names of the policies inside this package."""
+
+PARTS = ("detector", "detector-right", "translator", "fusion")
+"""Folders of a policy's checkpoints; the second may be missing."""
+
+
+def weights_folder(name: str | Path) -> Path:
+    """Where a shipped policy, one in a folder, or one on the hub has its checkpoints.
+
+    What lies on the hub is fetched first, or found in its cache.
+
+    Raises:
+        UnknownNameError: If it is none of these.
+        CheckpointError: If it cannot be fetched.
+    """
+    if str(name) in SHIPPED:
+        return Path(str(resources.files("fusionnet"))) / "weights" / str(name)
+    folder = Path(name)
+    if folder.is_dir():
+        return folder
+    if is_hub_name(name):
+        return fetched(str(name), [f"{part}/{file}" for part in PARTS for file in FILES])
+    raise UnknownNameError(
+        f"No policy called {str(name)!r}; available: {', '.join(SHIPPED)}, or a folder that "
+        "holds the checkpoints detector, translator and fusion, or a hub name like owner/name."
+        + did_you_mean(str(name), list(SHIPPED))
+    )
+
+
+def detector_folder(name: str | Path) -> Path:
+    """Where the detector of a policy, or one of its own, lies.
+
+    Raises:
+        UnknownNameError: If it is neither.
+        CheckpointError: If it cannot be fetched.
+    """
+    own = Path(name)
+    return own if (own / CONFIG_FILE).is_file() else weights_folder(name) / "detector"
