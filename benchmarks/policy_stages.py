@@ -1,0 +1,131 @@
+"""How long the shipped policy takes for an answer, stage by stage, on two threads and on one.
+
+    python benchmarks/policy_stages.py --data DIR --out results/policy-stages.json
+
+Every command comes with a picture of its scene in a look of its own, of groups that no network
+was trained on. The policy answers each on every number of threads in turn, so that all meet the
+same load of the machine. A stage's number is the median over the commands; the total is the
+median of whole answers, which is not the sum of the medians.
+"""
+
+import json
+import os
+import platform
+import subprocess
+import time
+from dataclasses import dataclass
+from importlib.metadata import version
+from pathlib import Path
+
+import numpy as np
+import torch
+import tyro
+
+from fusionnet.corpora import load_corpus
+from fusionnet.errors import FusionNetError
+from fusionnet.files import write_whole
+from fusionnet.policy import Kind, load_policy
+from fusionnet.randomness import generator
+from fusionnet.simulation import Appearance, make_world
+
+WARM_UP = 5
+"""Answers that do not count."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Config:
+    """What to measure.
+
+    Attributes:
+        data: Folder of the corpus.
+        corpus: Where commands and scenes come from.
+        split: Part of it.
+        policy: `fusion` or `symbolic`.
+        checkpoint: A shipped name or a folder of checkpoints.
+        answers: So many, after a few that do not count.
+        threads: Numbers of PyTorch's threads.
+        seed: Of commands and looks.
+        out: Where to write the numbers; the terminal only by default.
+    """
+
+    data: Path | None = None
+    corpus: str = "treebank"
+    split: str = "test"
+    policy: Kind = "fusion"
+    checkpoint: str = "compact"
+    answers: int = 100
+    threads: tuple[int, ...] = (2, 1)
+    seed: int = 0
+    out: Path | None = None
+
+
+def main(config: Config) -> None:
+    """Answer in turns, and print medians and quartiles."""
+    policy = load_policy(config.checkpoint, config.policy, seed=config.seed)
+    commands = load_corpus(config.corpus, config.data).split(config.split)
+    order = generator(config.seed, "stages").permutation(len(commands))
+    spent: dict[int, list[dict[str, float]]] = {count: [] for count in config.threads}
+    refused = number = 0
+    while min(map(len, spent.values())) < config.answers + WARM_UP:
+        command = commands[order[number % len(commands)]]
+        look = Appearance.sample(generator(config.seed, "look", number))
+        image = make_world(layout=command.scene.before, appearance=look).image("left_eye")
+        number += 1
+        try:
+            for count in config.threads:
+                torch.set_num_threads(count)
+                began = time.perf_counter()
+                answer = policy(image, command.sentence)
+                total = 1000 * (time.perf_counter() - began)
+                stages = dict(answer.milliseconds)
+                stages["the rest"] = total - sum(stages.values())
+                spent[count].append(stages | {"total": total})
+        except FusionNetError:  # what is not understood is refused early: no time of an answer
+            refused += 1
+    report = {
+        "command": f"python benchmarks/policy_stages.py --data DIR --answers {config.answers}",
+        "milliseconds": {
+            f"{count} thread{'s' if count > 1 else ''}": _summary(rows[WARM_UP:])
+            for count, rows in spent.items()
+        },
+        "stages": {
+            "see": "picture to cells, boxes, camera",
+            "read": "sentence to the likely trees",
+            "vote": "planner on 64 sampled layouts",
+            "fuse": "layout and trees to cells and the fourteen values",
+            "the rest": "boxes, likely layout and the answer itself",
+        },
+        "answers": config.answers,
+        "refused": refused,
+        "corpus": config.corpus,
+        "split": config.split,
+        "policy": config.policy,
+        "checkpoint": config.checkpoint,
+        "seed": config.seed,
+        "commit": subprocess.run(
+            ["git", "rev-parse", "--short", "HEAD"], capture_output=True, text=True, check=True
+        ).stdout.strip(),
+        "machine": {
+            "processor": platform.machine(),
+            "cores": os.cpu_count(),
+            "load": round(os.getloadavg()[0], 1),
+        },
+        "versions": {name: version(name) for name in ("torch", "numpy")},
+    }
+    text = json.dumps(report, indent=1)
+    print(text)
+    if config.out is not None:
+        write_whole(config.out, text + "\n")
+
+
+def _summary(rows: list[dict[str, float]]) -> dict[str, dict[str, float]]:
+    """Median and quartiles of every stage."""
+    quartiles = {name: np.percentile([row[name] for row in rows], (50, 25, 75)) for name in rows[0]}
+    return {
+        name: dict(zip(("median", "lower", "upper"), np.round(found, 1).tolist(), strict=True))
+        for name, found in quartiles.items()
+    }
+
+
+if __name__ == "__main__":
+    main(tyro.cli(Config, description=__doc__))
