@@ -44,12 +44,12 @@ RIGHT: Literal["right_eye"] = "right_eye"
 EYES = {"left": (LEFT,), "right": (RIGHT,), "both": (LEFT, RIGHT)}
 PICTURES: dict[Scale, tuple[int, int]] = {
     "smoke": (4, 2),
-    "small": (1200, 60),
+    "small": (800, 40),
     "thesis": (9000, 500),
 }
-STEPS: dict[Scale, int] = {"smoke": 1, "small": 240, "thesis": 2700}
+STEPS: dict[Scale, int] = {"smoke": 1, "small": 120, "thesis": 2700}
 BATCH: dict[Scale, int] = {"smoke": 1, "small": 8, "thesis": 16}
-COMMANDS: dict[Scale, int] = {"smoke": 2, "small": 120, "thesis": 324}
+COMMANDS: dict[Scale, int] = {"smoke": 2, "small": 80, "thesis": 324}
 STORED: dict[Scale, tuple[int, int]] = {
     "smoke": (480, 270),
     "small": (960, 540),
@@ -216,7 +216,7 @@ EXPERIMENT = Experiment(
     setup="The thesis's robot looks with its left eye alone.",
     differs={
         "smoke": "One step of training, two commands: it shows only that it runs.",
-        "small": "The right eye's reader learns 240 steps of 8 pictures from 1200 pictures; 120 "
+        "small": "The right eye's reader learns 120 steps of 8 pictures from 800 pictures; 80 "
         "commands of the test groups a seed.",
         "thesis": "The right eye's reader learns as long as the shipped left one's last training, "
         "from 9000 pictures; every test command.",
