@@ -1,27 +1,25 @@
 """What looking again is worth: executed success with displaced blocks and with joint noise.
 
-    python benchmarks/closed_loop.py --data DIR --episodes 60 --out results/closed-loop.json
+    python benchmarks/closed_loop.py --data DIR
 
-Every condition is measured with and without the closed loop on the same commands, looks,
-displacements and noise, of groups that no network was trained on.
+Makes what is missing of the experiment `closed_loop`, adds up the episodes of all its seeds for
+each condition, keeps the numbers and draws them. With and without the closed loop the commands,
+looks, displacements and noise are the same, of groups that no network was trained on.
 """
 
 import json
+import os
 import platform
-import subprocess
 from dataclasses import dataclass
 from pathlib import Path
 
 import matplotlib
-import torch
 import tyro
 
 from fusionnet.evaluation.intervals import wilson_interval
-from fusionnet.evaluation.policy import PolicyEvaluation, evaluate
+from fusionnet.experiments import Plan, load, reproduce
+from fusionnet.experiments.closed_loop import DISTURBANCES, said_of
 from fusionnet.files import write_whole
-
-CONDITIONS = ((0.0, 0.0), (5.0, 0.0), (10.0, 0.0), (0.0, 0.5), (0.0, 1.0), (10.0, 1.0))
-"""Largest displacement [mm] and joint noise [degrees]."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -30,62 +28,73 @@ class Config:
 
     Attributes:
         data: Folder of the treebank.
-        split: Part of it.
-        episodes: A condition.
+        seeds: How many; as the experiment says by default.
+        results: Folder of the experiments' records.
         out: The file of numbers.
         figure: The picture.
-        redraw: Only draw what the file holds.
     """
 
-    data: Path = Path("../shared/data/treebank")
-    split: str = "test"
-    episodes: int = 60
+    data: Path | None = None
+    seeds: int | None = None
+    results: Path = Path("results/experiments")
     out: Path = Path("results/closed-loop.json")
     figure: Path = Path("docs/images/closed-loop.png")
-    redraw: bool = False
 
 
 def main(config: Config) -> None:
-    """Measure, keep and draw."""
-    torch.set_num_threads(1)
-    if not config.redraw:
-        rows = []
-        for displaced, noise in CONDITIONS:
-            for closed in (False, True):
-                numbers = evaluate(
-                    PolicyEvaluation(
-                        data=config.data,
-                        split=config.split,
-                        episodes=config.episodes,
-                        closed_loop=closed,
-                        displaced=displaced,
-                        joint_noise=noise,
-                    )
-                ).as_json()
-                rows.append(
-                    {
-                        "displaced_mm": displaced,
-                        "joint_noise_deg": noise,
-                        "closed_loop": closed,
-                        "n": numbers["n"],
-                        "executed_success": numbers["executed_success"],
-                        "executed_success_95": numbers["executed_success_95"],
-                        "outcomes": numbers["outcomes"],
-                    }
-                )
-                print(json.dumps(rows[-1]), flush=True)
-        commit = subprocess.run(
-            ["git", "rev-parse", "--short", "HEAD"], capture_output=True, text=True, check=False
+    """Measure what is missing, keep and draw."""
+    plan = Plan(scale="small", data=config.data, seeds=config.seeds, results=config.results)
+    records = reproduce(load("closed_loop"), plan)
+    rows = [
+        _row(name, [record for record in records if record.variant.name.startswith(f"{name}-")])
+        for name in DISTURBANCES
+    ]
+    settings = records[0].configuration
+    document = {
+        "command": "python benchmarks/closed_loop.py --data DIR",
+        "commit": sorted({record.provenance["commit"] for record in records}),
+        "corpus": settings["corpus"],
+        "split": settings["split"],
+        "policy": settings["policy"],
+        "checkpoint": settings["checkpoint"],
+        "seeds": sorted({record.seed for record in records}),
+        "machine": {"processor": platform.machine(), "cores": os.cpu_count()},
+        "rows": rows,
+    }
+    write_whole(config.out, json.dumps(document, indent=1) + "\n")
+    print(json.dumps(document, indent=1))
+    draw(document, config.figure)
+
+
+def _row(name: str, records: list) -> dict:
+    """One condition: success with either loop, and in how many pairs only one of them reached."""
+    row: dict = {
+        "displaced_mm": DISTURBANCES[name][0],
+        "joint_noise_deg": DISTURBANCES[name][1],
+        "said": said_of(name),
+    }
+    reached: dict[str, list[int]] = {}
+    for loop in ("open", "closed"):
+        mine = sorted(
+            (r for r in records if r.variant.name == f"{name}-{loop}"), key=lambda r: r.seed
         )
-        document = {
-            "command": f"python benchmarks/closed_loop.py --episodes {config.episodes}",
-            "commit": commit.stdout.strip(),
-            "split": config.split,
-            "machine": platform.processor() or platform.machine(),
-            "rows": rows,
+        reached[loop] = [episode for record in mine for episode in record.details["reached"]]
+        outcomes: dict[str, int] = {}
+        for record in mine:
+            for outcome, count in record.details["outcomes"].items():
+                outcomes[outcome] = outcomes.get(outcome, 0) + count
+        n, successes = len(reached[loop]), sum(reached[loop])
+        low, high = wilson_interval(successes, n)
+        row[loop] = {
+            "n": n,
+            "executed_success": round(successes / n, 4),
+            "executed_success_95": [round(low, 4), round(high, 4)],
+            "outcomes": outcomes,
         }
-        write_whole(config.out, json.dumps(document, indent=1) + "\n")
-    draw(json.loads(config.out.read_text()), config.figure)
+    pairs = list(zip(reached["open"], reached["closed"], strict=True))
+    row["only_closed_reached"] = pairs.count((0, 1))
+    row["only_open_reached"] = pairs.count((1, 0))
+    return row
 
 
 def draw(document: dict, file: Path) -> None:
@@ -93,33 +102,32 @@ def draw(document: dict, file: Path) -> None:
     matplotlib.use("Agg")
     from matplotlib import pyplot as plt
 
+    rows = document["rows"]
     figure, axes = plt.subplots(figsize=(7.2, 3.6), layout="constrained")
-    for offset, closed, color, label in (
-        (-0.2, False, "#999999", "looks once"),
-        (0.2, True, "#0072b2", "looks again"),
+    for offset, loop, color, label in (
+        (-0.2, "open", "#999999", "looks once"),
+        (0.2, "closed", "#0072b2", "looks again"),
     ):
-        rows = [row for row in document["rows"] if row["closed_loop"] is closed]
-        rates = [100 * row["executed_success"] for row in rows]
-        bounds = [
-            wilson_interval(round(row["executed_success"] * row["n"]), row["n"]) for row in rows
-        ]
+        rates = [100 * row[loop]["executed_success"] for row in rows]
+        bounds = [[100 * bound for bound in row[loop]["executed_success_95"]] for row in rows]
         errors = [
-            [rate - 100 * low for rate, (low, _) in zip(rates, bounds, strict=True)],
-            [100 * high - rate for rate, (_, high) in zip(rates, bounds, strict=True)],
+            [rate - low for rate, (low, _) in zip(rates, bounds, strict=True)],
+            [high - rate for rate, (_, high) in zip(rates, bounds, strict=True)],
         ]
         places = [number + offset for number in range(len(rows))]
         axes.bar(places, rates, 0.38, color=color, label=label, yerr=errors, capsize=3)
-    axes.set_xticks(
-        range(len(rows)),
-        [f"{row['displaced_mm']:g} mm\n{row['joint_noise_deg']:g}°" for row in rows],
-    )
-    axes.set_xlabel("largest displacement of blocks, standard deviation of joint noise")
+        for place, rate in zip(places, rates, strict=True):
+            axes.text(place, 3, f"{rate:.0f}", ha="center", color="white", weight="bold")
+    axes.set_xticks(range(len(rows)), [row["said"].replace(" and ", "\nand ") for row in rows])
+    axes.set_xlabel("blocks displaced by up to 1 cm; standard deviation of every joint's error")
     axes.set_ylabel("executed success [%]")
-    axes.set_ylim(0, 105)
-    axes.legend(loc="lower left")
+    axes.set_ylim(0, 118)
+    axes.set_yticks(range(0, 101, 20))
+    axes.legend(loc="upper right", ncols=2, frameon=False)
+    axes.spines[["top", "right"]].set_visible(False)
     file.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(file, dpi=110)
 
 
 if __name__ == "__main__":
-    main(tyro.cli(Config))
+    main(tyro.cli(Config, description=__doc__))

@@ -50,7 +50,7 @@ class PolicyEvaluation:
         closed_loop: Whether the policy looks again before the grasp and above the place.
         displaced: Blocks that nothing stands on are displaced from their cells by up to this
             much, in millimetres; if they are, the policy is told so.
-        joint_noise: Every joint of both poses errs by up to this much, in degrees.
+        joint_noise: Standard deviation of an error of every joint of both poses, in degrees.
         strength: Of the camera's and blocks' displacement; 0 leaves only light and colours.
         seed: Of the drawing, the looks and the policy's vote.
     """
@@ -276,9 +276,9 @@ def _disturbed(
 ) -> Float[np.ndarray, " k"]:
     """The answer's values with an error of each joint, within the joints' limits."""
     targets = np.array(answer.targets, dtype=float)
-    noise = np.radians(config.joint_noise) * generator(config.seed, "joint noise", index).uniform(
-        -1.0, 1.0, len(targets)
-    )
+    noise = np.radians(config.joint_noise) * generator(
+        config.seed, "joint noise", index
+    ).standard_normal(len(targets))
     count = len(robot.joint_names)
     noise[[count, -1]] = 0.0
     low, high = robot.joint_limits.T

@@ -20,6 +20,18 @@ LEAST_FOLLOWED = 0.3
 WIDTHS = (0.85, 1.18)
 """Widths of the box, as shares of the expected: outside, something hides a part of the block."""
 
+STANDS_BESIDE = np.diag([0.006, 0.006, 0.0]) ** 2
+"""Covariance of the displacement of a block that stands beside its place, in square metres."""
+
+MARK_ERROR = 3.0
+"""Standard deviation of a box's marks where a hand is near, in pixels of the picture."""
+
+LARGEST_SURPRISE = 3.5
+"""A block that is seen more standard deviations from its place is another block."""
+
+LEAST_WIDTH = 0.6
+"""A block of which a smaller share of its width is seen is not followed."""
+
 CANDIDATES = 8
 """So many columns, the nearest in the picture, are tried for a box."""
 
@@ -94,31 +106,51 @@ def _beside(
 
 
 def block_shift(
-    sight: Sight, kind: int, place: Float[np.ndarray, "3"]
-) -> Float[np.ndarray, "2"] | None:
-    """How far a block is from where it should be, along x and y of the board (metres).
+    sight: Sight,
+    kind: int,
+    place: Float[np.ndarray, "3"],
+    spread: Float[np.ndarray, "3 3"] = STANDS_BESIDE,
+) -> Float[np.ndarray, "3"] | None:
+    """How far a block is from where it should be, in the board frame (metres).
+
+    One eye cannot tell higher from farther. Of all displacements that explain what is seen,
+    the answer is the likeliest before it was seen: with what is known of the displacement and of
+    the error of looking, the mean of a Gaussian given two marks of the box.
 
     Args:
         sight: Its detections are compared.
-        kind: Class of the block.
+        kind: Class of the block. If none is seen near there, a block of another class is
+            taken for it: colours are mistaken for each other sooner than places.
         place: Middle of the block where it should be, in the board frame (metres).
+        spread: Covariance of displacements before one looks (square metres).
 
     Returns:
         None if it is not seen near there, or only a part of it.
+
+    References:
+        Thrun, Burgard and Fox (2005), Probabilistic robotics, section 3.2 (Kalman filter).
     """
+    try:
+        expected, slopes = _expected(sight.camera, kind, place)
+    except PointBehindCameraError:
+        return None
     detected = sight.detected
-    believed = (detected.classes == kind) & (detected.scores >= LEAST_FOLLOWED)
-    boxes = detected.xyxy[believed].double().numpy()
-    measured = box_shifts(sight.camera, kind, boxes, place) if len(boxes) else None
-    if measured is None:
-        return None
-    shifts, widths = measured
-    distances = np.linalg.norm(shifts, axis=1)
-    nearest = int(distances.argmin())
-    if distances[nearest] > FARTHEST_SHIFT or not WIDTHS[0] <= widths[nearest] <= WIDTHS[1]:
-        return None
-    shift: np.ndarray = shifts[nearest]
-    return shift
+    boxes, scores = detected.xyxy.double().numpy(), detected.scores.numpy()
+    seen = _marks_of(boxes) - expected[:2]
+    widths = (boxes[:, 2] - boxes[:, 0]) / expected[2]
+    # What hides a part of a block moves the middle of the rest.
+    noise = MARK_ERROR**2 + (0.5 * (1.0 - widths) * expected[2]) ** 2
+    errors = slopes @ spread @ slopes.T + noise[:, None, None] * np.eye(2)
+    surprise = np.einsum("ni,ni->n", seen, np.linalg.solve(errors, seen[..., None])[..., 0])
+    believed = (scores >= LEAST_FOLLOWED) & (surprise <= LARGEST_SURPRISE**2)
+    believed &= (widths >= LEAST_WIDTH) & (widths <= 1.0 / LEAST_WIDTH)
+    same = detected.classes.numpy() == kind
+    for some in (believed & same, believed & ~same):
+        if some.any():
+            best = int(np.where(some, scores, 0.0).argmax())
+            shift: np.ndarray = spread @ slopes.T @ np.linalg.solve(errors[best], seen[best])
+            return shift
+    return None
 
 
 def box_shifts(
@@ -137,16 +169,28 @@ def box_shifts(
         a block in the place would have; None if the place is behind the camera.
     """
     try:
-        expected = _marks(camera, kind, place)
-        slopes = [
-            (_marks(camera, kind, place + step) - expected)[:2] / 1e-3
-            for step in np.eye(3)[:2] * 1e-3
-        ]
+        expected, slopes = _expected(camera, kind, place)
     except PointBehindCameraError:
         return None
-    marks = np.column_stack([boxes[:, [0, 2]].mean(axis=1), boxes[:, 3]])
-    shifts = np.linalg.solve(np.array(slopes).T, (marks - expected[:2]).T).T
+    shifts = np.linalg.solve(slopes[:, :2], (_marks_of(boxes) - expected[:2]).T).T
     return shifts, (boxes[:, 2] - boxes[:, 0]) / expected[2]
+
+
+def _marks_of(boxes: Float[np.ndarray, "n 4"]) -> Float[np.ndarray, "n 2"]:
+    """Middle of the sides, and lower edge, in pixels of the picture."""
+    marks: np.ndarray = np.column_stack([boxes[:, [0, 2]].mean(axis=1), boxes[:, 3]])
+    return marks
+
+
+def _expected(
+    camera: PinholeCamera, kind: int, place: Float[np.ndarray, "3"]
+) -> tuple[Float[np.ndarray, "3"], Float[np.ndarray, "2 3"]]:
+    """The marks of a block in a place, and how the first two move with it (pixels a metre)."""
+    expected = _marks(camera, kind, place)
+    slopes = [
+        (_marks(camera, kind, place + step) - expected)[:2] / 1e-3 for step in np.eye(3) * 1e-3
+    ]
+    return expected, np.array(slopes).T
 
 
 def _marks(

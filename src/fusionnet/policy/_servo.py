@@ -3,10 +3,10 @@
 Twice a look tells how far a block is from where it is thought to be: before the grasp, where
 the block stands, and above its place, where the hand carries it. Both times the detector's box
 of the block is compared with the box that the estimated camera must see if the block were in
-its place; what is between them is a displacement at the block's height, for two numbers of a
-box (the middle of its sides, and its lower edge) are two of the block's.
+its place. Two numbers of a box (the middle of its sides, and its lower edge) are compared, and
+how joints that err displace a carried block says which displacement they speak of.
 
-What this cannot see: an error of the hand's height, and the hand itself before it holds a block.
+What this cannot see: the hand itself before it holds a block.
 """
 
 from typing import Literal
@@ -16,9 +16,13 @@ from jaxtyping import Float
 
 from fusionnet.blocks import BLOCK_SIZE, Cell
 from fusionnet.policy._answer import Answer
-from fusionnet.policy._placing import block_shift
+from fusionnet.policy._placing import STANDS_BESIDE, block_shift
 from fusionnet.policy._policy import Policy
+from fusionnet.robots import ArmKinematics
 from fusionnet.simulation import World
+
+JOINT_ERROR = np.radians(0.75)
+"""Standard deviation of every joint's error that is expected of an arm that carries a block."""
 
 LEAST_SHIFT = 0.002
 """Smaller displacements are within the error of looking, in metres."""
@@ -37,6 +41,10 @@ class Servo:
         self.source = Cell.from_index(int(answer.source.argmax()))
         self.target = Cell.from_index(int(answer.target.argmax()))
         self.kind = int(answer.cells[tuple(self.source)][:-1].argmax())
+        self.board_from_robot = policy.robot.robot_from_board[:3, :3].T
+        jacobian = ArmKinematics(policy.robot).jacobian(np.asarray(answer.place.joint_angles))[:3]
+        carried = JOINT_ERROR * self.board_from_robot @ jacobian
+        self.spreads = {"grasp": STANDS_BESIDE, "place": STANDS_BESIDE / 4 + carried @ carried.T}
 
     def __call__(
         self, phase: Literal["grasp", "place"], rise: float, world: World
@@ -45,9 +53,8 @@ class Servo:
         sight = self.policy.detector.see(world.image("left_eye"))
         cell = self.source if phase == "grasp" else self.target
         place = (np.array(cell) + 0.5) * BLOCK_SIZE + np.array([0.0, 0.0, rise])
-        shift = block_shift(sight, self.kind, place)
+        shift = block_shift(sight, self.kind, place, self.spreads[phase])
         if shift is None or np.linalg.norm(shift) < LEAST_SHIFT:
             return np.zeros(3)
-        along = np.append(shift if phase == "grasp" else -shift, 0.0)
-        moved: np.ndarray = self.policy.robot.robot_from_board[:3, :3] @ along
+        moved: np.ndarray = self.board_from_robot.T @ (shift if phase == "grasp" else -shift)
         return moved
