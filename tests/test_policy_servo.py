@@ -25,10 +25,21 @@ def test_a_displaced_block_is_found_to_a_few_millimetres(shift):
     middle = (np.array(RED.cell) + 0.5) * BLOCK_SIZE
     found = block_shift(sight, RED.class_index, middle)
     assert found is not None
-    assert np.linalg.norm(found - shift) < 0.004
-    assert (
-        block_shift(sight, Block(Color.CYAN, Shape.CUBE, Cell(3, 3, 0)).class_index, middle) is None
-    )
+    assert np.linalg.norm(found - [*shift, 0.0]) < 0.004
+    mistaken = Block(Color.CYAN, Shape.CUBE, RED.cell).class_index
+    assert np.array_equal(block_shift(sight, mistaken, middle), found)
+    assert block_shift(sight, RED.class_index, middle + [0.06, 0.0, 0.0]) is None
+
+
+def test_what_is_known_of_a_carried_block_tells_higher_from_farther():
+    world = make_world(layout=LAYOUT)
+    sight = load_policy("compact").detector.see(world.image("left_eye"))
+    middle = (np.array(RED.cell) + 0.5) * BLOCK_SIZE
+    lower = middle - [0.0, 0.0, 0.008]  # it stands 8 mm higher than this
+    upwards = block_shift(sight, RED.class_index, lower, np.diag([0.001, 0.006, 0.02]) ** 2)
+    away = block_shift(sight, RED.class_index, lower, np.diag([0.02, 0.006, 0.001]) ** 2)
+    assert np.linalg.norm(upwards - [0.0, 0.0, 0.008]) < 0.003
+    assert away[0] > 0.004 and abs(away[2]) < 0.002
 
 
 def test_the_arm_goes_where_the_second_look_says():

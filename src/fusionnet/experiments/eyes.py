@@ -102,9 +102,9 @@ def run(trial: Trial) -> Outcome:
     details = {}
     if len(eyes) > 1:
         checked = _look(corpus.split("val"), look, trial, "val")
-        shares = [float(np.mean([_whole(s, w) for s in checked])) for w in WEIGHTS]
-        details["validation_layouts_right_by_weight"] = dict(
-            zip(map(str, WEIGHTS), shares, strict=True)
+        entropies = [float(np.mean([_cross_entropy(s, w) for s in checked])) for w in WEIGHTS]
+        details["validation_cross_entropy_by_weight"] = dict(
+            zip(map(str, WEIGHTS), entropies, strict=True)
         )
     blocks = np.concatenate([_right(s)[s.cells != EMPTY] for s in seen])
     shown = np.concatenate([s.visible[s.cells != EMPTY] for s in seen])
@@ -188,16 +188,22 @@ def _look(
     return seen
 
 
-def _right(seen: Seen, weight: float = EYE_WEIGHT) -> Bool[np.ndarray, "512"]:
+def _cross_entropy(seen: Seen, weight: float) -> float:
+    """Of the cells' true classes, added up over a layout [nats]."""
+    shares = both_seen(seen.sights, weight).cells.reshape(512, -1)
+    return float(-np.log(shares[np.arange(512), seen.cells].clip(1e-9)).sum())
+
+
+def _right(seen: Seen) -> Bool[np.ndarray, "512"]:
     """Whether the likeliest class of each cell is the true one."""
-    guess = both_seen(seen.sights, weight).cells.reshape(512, -1).argmax(-1)
+    guess = both_seen(seen.sights).cells.reshape(512, -1).argmax(-1)
     right: np.ndarray = guess == seen.cells
     return right
 
 
-def _whole(seen: Seen, weight: float = EYE_WEIGHT) -> bool:
+def _whole(seen: Seen) -> bool:
     """Whether all cells are read right."""
-    return bool(_right(seen, weight).all())
+    return bool(_right(seen).all())
 
 
 def _moved_right(seen: Seen, seed: int) -> bool:

@@ -10,7 +10,7 @@ from fusionnet.models.retinanet import Sight
 
 EYE_WEIGHT = 0.75
 """Exponent on each of two eyes' probabilities: at 1/2 they are averaged, at 1 they count as
-independent witnesses. Chosen on the layouts of validation groups (`benchmarks/eyes.py`)."""
+independent witnesses. The experiment `eyes` compares exponents on validation groups."""
 
 _LEAST = 1e-6
 
