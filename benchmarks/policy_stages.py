@@ -3,11 +3,12 @@
     python benchmarks/policy_stages.py --data DIR --out results/policy-stages.json
 
 Every command comes with a picture of its scene in a look of its own, of groups that no network
-was trained on. The policy answers each on every number of threads in turn, so that all meet the
-same load of the machine. A stage's number is the median over the commands; the total is the
-median of whole answers, which is not the sum of the medians.
+was trained on, and no sentence twice: its readings are remembered. The numbers of threads take
+turns, so that all meet the same load of the machine. A stage's number is the median over the
+commands; the total is the median of whole answers, which is not the sum of the medians.
 """
 
+import itertools
 import json
 import os
 import platform
@@ -65,23 +66,29 @@ def main(config: Config) -> None:
     commands = load_corpus(config.corpus, config.data).split(config.split)
     order = generator(config.seed, "stages").permutation(len(commands))
     spent: dict[int, list[dict[str, float]]] = {count: [] for count in config.threads}
-    refused = number = 0
-    while min(map(len, spent.values())) < config.answers + WARM_UP:
-        command = commands[order[number % len(commands)]]
+    refused, said = 0, set()
+    turns = itertools.cycle(config.threads)
+    for number, index in enumerate(order):
+        command = commands[index]
+        if min(map(len, spent.values())) == config.answers + WARM_UP:
+            break
+        if command.sentence in said:
+            continue
+        said.add(command.sentence)
         look = Appearance.sample(generator(config.seed, "look", number))
         image = make_world(layout=command.scene.before, appearance=look).image("left_eye")
-        number += 1
+        threads = next(turns)
+        torch.set_num_threads(threads)
+        began = time.perf_counter()
         try:
-            for count in config.threads:
-                torch.set_num_threads(count)
-                began = time.perf_counter()
-                answer = policy(image, command.sentence)
-                total = 1000 * (time.perf_counter() - began)
-                stages = dict(answer.milliseconds)
-                stages["the rest"] = total - sum(stages.values())
-                spent[count].append(stages | {"total": total})
+            answer = policy(image, command.sentence)
         except FusionNetError:  # what is not understood is refused early: no time of an answer
             refused += 1
+            continue
+        total = 1000 * (time.perf_counter() - began)
+        stages = dict(answer.milliseconds)
+        stages["the rest"] = total - sum(stages.values())
+        spent[threads].append(stages | {"total": total})
     report = {
         "command": f"python benchmarks/policy_stages.py --data DIR --answers {config.answers}",
         "milliseconds": {
@@ -95,7 +102,7 @@ def main(config: Config) -> None:
             "fuse": "layout and trees to cells and the fourteen values",
             "the rest": "boxes, likely layout and the answer itself",
         },
-        "answers": config.answers,
+        "answers": {str(count): len(rows) - WARM_UP for count, rows in spent.items()},
         "refused": refused,
         "corpus": config.corpus,
         "split": config.split,
