@@ -17,6 +17,7 @@ import torch
 import tyro
 from jaxtyping import Float, UInt8
 
+from fusionnet.blocks.voting import likely_layout
 from fusionnet.corpora import Part, load_corpus
 from fusionnet.dataset.frame import PictureFrame
 from fusionnet.dataset.pictures import EMPTY, Labels, label
@@ -204,7 +205,10 @@ def _confidence(sight: Sight, truth: Labels) -> Float[np.ndarray, "n 2"]:
 
 
 def _cells(sight: Sight, truth: Labels) -> dict[str, np.ndarray]:
-    guess = sight.cells.reshape(512, -1).argmax(1)
+    """What is right of the likeliest layout that can stand, which is the one that is answered."""
+    guess = np.full(512, EMPTY)
+    for stands in likely_layout(sight.cells, sight.holding).blocks:
+        guess[stands.cell.index] = stands.class_index
     block = truth.cells != EMPTY
     clear = block & (truth.visible >= CLEARLY_VISIBLE)
     right = guess == truth.cells
