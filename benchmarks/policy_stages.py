@@ -3,9 +3,11 @@
     python benchmarks/policy_stages.py --data DIR --out results/policy-stages.json
 
 Every command comes with a picture of its scene in a look of its own, of groups that no network
-was trained on, and no sentence twice: its readings are remembered. The numbers of threads take
-turns, so that all meet the same load of the machine. A stage's number is the median over the
-commands; the total is the median of whole answers, which is not the sum of the medians.
+was trained on, and no sentence twice: its readings are remembered. The ways of measuring take
+turns, so that all meet the same load of the machine: by the clock on the wall, on so many
+threads, and by the processor's own on one, which is what an idle machine's wall would show. A
+stage's number is the median over the commands; the total is the median of whole answers, which
+is not the sum of the medians.
 """
 
 import itertools
@@ -17,6 +19,8 @@ import time
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
+from typing import NamedTuple
+from unittest import mock
 
 import numpy as np
 import torch
@@ -30,7 +34,16 @@ from fusionnet.randomness import generator
 from fusionnet.simulation import Appearance, make_world
 
 WARM_UP = 5
-"""Answers that do not count."""
+"""Answers of each way that do not count."""
+
+CLOCKS = {"wall": time.perf_counter, "processor": time.process_time}
+
+
+class Way(NamedTuple):
+    """Of measuring: on so many threads, by a clock."""
+
+    threads: int
+    clock: str
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -43,7 +56,7 @@ class Config:
         split: Part of it.
         policy: `fusion` or `symbolic`.
         checkpoint: A shipped name or a folder of checkpoints.
-        answers: So many, after a few that do not count.
+        answers: So many by each way, after a few that do not count.
         threads: Numbers of PyTorch's threads.
         seed: Of commands and looks.
         out: Where to write the numbers; the terminal only by default.
@@ -65,9 +78,10 @@ def main(config: Config) -> None:
     policy = load_policy(config.checkpoint, config.policy, seed=config.seed)
     commands = load_corpus(config.corpus, config.data).split(config.split)
     order = generator(config.seed, "stages").permutation(len(commands))
-    spent: dict[int, list[dict[str, float]]] = {count: [] for count in config.threads}
+    ways = [Way(count, "wall") for count in config.threads] + [Way(1, "processor")]
+    spent: dict[Way, list[dict[str, float]]] = {way: [] for way in ways}
     refused, said = 0, set()
-    turns = itertools.cycle(config.threads)
+    turns = itertools.cycle(ways)
     for number, index in enumerate(order):
         command = commands[index]
         if min(map(len, spent.values())) == config.answers + WARM_UP:
@@ -77,23 +91,26 @@ def main(config: Config) -> None:
         said.add(command.sentence)
         look = Appearance.sample(generator(config.seed, "look", number))
         image = make_world(layout=command.scene.before, appearance=look).image("left_eye")
-        threads = next(turns)
-        torch.set_num_threads(threads)
-        began = time.perf_counter()
+        way = next(turns)
+        torch.set_num_threads(way.threads)
         try:
-            answer = policy(image, command.sentence)
+            with mock.patch.object(time, "perf_counter", CLOCKS[way.clock]):
+                began = time.perf_counter()
+                answer = policy(image, command.sentence)
+                total = 1000 * (time.perf_counter() - began)
         except FusionNetError:  # what is not understood is refused early: no time of an answer
             refused += 1
             continue
-        total = 1000 * (time.perf_counter() - began)
         stages = dict(answer.milliseconds)
         stages["the rest"] = total - sum(stages.values())
-        spent[threads].append(stages | {"total": total})
+        spent[way].append(stages | {"total": total})
     report = {
         "command": f"python benchmarks/policy_stages.py --data DIR --answers {config.answers}",
         "milliseconds": {
-            f"{count} thread{'s' if count > 1 else ''}": _summary(rows[WARM_UP:])
-            for count, rows in spent.items()
+            f"{way.threads} thread{'s' if way.threads > 1 else ''}, {way.clock}": _summary(
+                rows[WARM_UP : WARM_UP + config.answers]
+            )
+            for way, rows in spent.items()
         },
         "stages": {
             "see": "picture to cells, boxes, camera",
@@ -102,7 +119,7 @@ def main(config: Config) -> None:
             "fuse": "layout and trees to cells and the fourteen values",
             "the rest": "boxes, likely layout and the answer itself",
         },
-        "answers": {str(count): len(rows) - WARM_UP for count, rows in spent.items()},
+        "answers": config.answers,
         "refused": refused,
         "corpus": config.corpus,
         "split": config.split,
