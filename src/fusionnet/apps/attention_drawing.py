@@ -29,6 +29,7 @@ def draw_attention(reading: Reading, file: Path) -> None:
 
     matplotlib.use("agg")
     from matplotlib import pyplot
+    from matplotlib.ticker import MaxNLocator
 
     rows, columns = len(reading.words), len(reading.symbols)
     left = 0.3 + _LETTER * max(map(len, reading.words))
@@ -49,7 +50,7 @@ def draw_attention(reading: Reading, file: Path) -> None:
         try:
             box = (left / whole[0], below / whole[1], width / whole[0], height / whole[1])
             axes = figure.add_axes(box)
-            shown = axes.imshow(reading.attention.T, cmap="viridis", vmin=0, vmax=1, aspect="auto")
+            shown = axes.imshow(reading.attention.T, cmap="viridis", vmin=0, aspect="auto")
             axes.set_xticks(range(columns), reading.symbols, rotation=90, family="monospace")
             axes.set_yticks(range(rows), reading.words)
             axes.tick_params(length=0, colors=INK)
@@ -57,7 +58,7 @@ def draw_attention(reading: Reading, file: Path) -> None:
             bar = figure.add_axes(
                 ((left + width + 0.15) / whole[0], box[1], 0.1 / whole[0], box[3])
             )
-            figure.colorbar(shown, cax=bar, ticks=[0, 0.5, 1]).outline.set_visible(False)
+            figure.colorbar(shown, cax=bar, ticks=MaxNLocator(3)).outline.set_visible(False)
             metadata = {"Date": None} if file.suffix == ".svg" else None
             content = BytesIO()
             figure.savefig(content, format=file.suffix[1:], dpi=150, metadata=metadata)
