@@ -28,6 +28,8 @@ def test_a_displaced_block_is_found_to_a_few_millimetres(shift):
     assert np.linalg.norm(found - [*shift, 0.0]) < 0.004
     mistaken = Block(Color.CYAN, Shape.CUBE, RED.cell).class_index
     assert np.array_equal(block_shift(sight, mistaken, middle), found)
+    other = Block(Color.RED, Shape.PRISM, RED.cell).class_index
+    assert block_shift(sight, other, middle) is None
     assert block_shift(sight, RED.class_index, middle + [0.06, 0.0, 0.0]) is None
 
 

@@ -110,7 +110,7 @@ EXPERIMENT = Experiment(
     lower_is_better=False,
     variants=variants,
     run=run,
-    seeds={"smoke": 1, "small": 3, "thesis": 5},
+    seeds={"smoke": 1, "small": 5, "thesis": 5},
     claims=tuple(
         Claim(
             better=f"{name}-closed",

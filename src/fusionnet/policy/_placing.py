@@ -119,8 +119,8 @@ def block_shift(
 
     Args:
         sight: Its detections are compared.
-        kind: Class of the block. If none is seen near there, a block of another class is
-            taken for it: colours are mistaken for each other sooner than places.
+        kind: Class of the block. If none is seen near there, one of the same shape is taken for
+            it: colours are mistaken for each other sooner than places.
         place: Middle of the block where it should be, in the board frame (metres).
         spread: Covariance of displacements before one looks (square metres).
 
@@ -144,10 +144,13 @@ def block_shift(
     surprise = np.einsum("ni,ni->n", seen, np.linalg.solve(errors, seen[..., None])[..., 0])
     believed = (scores >= LEAST_FOLLOWED) & (surprise <= LARGEST_SURPRISE**2)
     believed &= (widths >= LEAST_WIDTH) & (widths <= 1.0 / LEAST_WIDTH)
-    same = detected.classes.numpy() == kind
-    for some in (believed & same, believed & ~same):
+    _, spreads = np.linalg.slogdet(errors)
+    likelihoods = np.log(np.maximum(scores, LEAST_FOLLOWED)) - (surprise + spreads) / 2
+    classes = detected.classes.numpy()
+    like = classes // len(_COLORS) == kind // len(_COLORS)
+    for some in (believed & (classes == kind), believed & like):
         if some.any():
-            best = int(np.where(some, scores, 0.0).argmax())
+            best = int(np.where(some, likelihoods, -np.inf).argmax())
             shift: np.ndarray = spread @ slopes.T @ np.linalg.solve(errors[best], seen[best])
             return shift
     return None
