@@ -173,6 +173,14 @@ def test_a_killed_run_goes_on_from_its_state(tmp_path):
     assert not list((work / "states").rglob("*.txt"))
 
 
+def test_some_variants_may_be_run_alone(tmp_path):
+    names = [variant.name for variant in toy().variants("smoke")]
+    records = reproduce(toy(), plan(tmp_path, seeds=2, only=(names[1],)))
+    assert [record.variant.name for record in records] == [names[1]] * 2
+    with pytest.raises(UnknownNameError, match=names[0]):
+        reproduce(toy(), plan(tmp_path, only=("nothing",)))
+
+
 def test_no_seeds_are_refused():
     with pytest.raises(InputError, match="At least one seed"):
         Plan(seeds=0)

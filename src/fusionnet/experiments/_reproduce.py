@@ -5,7 +5,8 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-from fusionnet.experiments._experiment import Experiment, Progress
+from fusionnet.errors import UnknownNameError
+from fusionnet.experiments._experiment import Experiment, Progress, Variant
 from fusionnet.experiments._records import Record, record_file
 from fusionnet.experiments._runner import Plan, run_trial, trial_of
 from fusionnet.experiments._search import forget_study, judged_by, search_variants
@@ -29,14 +30,16 @@ def reproduce(
         within: Called by a run with what it has done, of how much.
 
     Raises:
+        UnknownNameError: If the experiment has no variant of a name in `plan.only`.
         InputError, DataError: If a run needs data that is not there; the message names the
             command that makes it.
         OutputError: If a record cannot be written.
     """
     seeds = range(plan.seeds or experiment.seeds[plan.scale])
-    variants = list(experiment.variants(plan.scale))
+    variants = _chosen(experiment, plan)
+    searched = experiment.search is not None and not plan.only
     total = len(variants) * len(seeds)
-    if experiment.search is not None:
+    if experiment.search is not None and searched:
         each = judged_by(experiment.search, plan.scale, len(seeds))
         total += (experiment.search.trials[plan.scale] - 1) * each + len(seeds)
     trials = [trial_of(experiment, plan, v, seed, within) for seed in seeds for v in variants]
@@ -57,9 +60,21 @@ def reproduce(
                 note(record_file(plan.results, trial), record)
         if len(records) == before:
             time.sleep(1.0)  # other processes are at what is left
-    if experiment.search is not None:
+    if searched:
         search_variants(experiment, plan, seeds, note, within)
     return list(records.values())
+
+
+def _chosen(experiment: Experiment, plan: Plan) -> list[Variant]:
+    """The variants that a plan names, in the experiment's order."""
+    variants = {variant.name: variant for variant in experiment.variants(plan.scale)}
+    for name in plan.only:
+        if name not in variants:
+            raise UnknownNameError(
+                f"{experiment.name} has no variant {name!r} at the {plan.scale} scale; it has: "
+                f"{', '.join(variants)}"
+            )
+    return [v for name, v in variants.items() if not plan.only or name in plan.only]
 
 
 def _forget(experiment: Experiment, plan: Plan) -> None:

@@ -23,6 +23,7 @@ class Plan:
     Attributes:
         scale: Size of the runs.
         seeds: How many seeds; as the experiment says by default.
+        only: Names of the variants to run; all of them, and the search's, by default.
         data: Folder of the treebank; without it commands of our own are used.
         results: Folder of the records.
         work: Folder for data sets, states and locks.
@@ -31,6 +32,7 @@ class Plan:
 
     scale: Scale = "small"
     seeds: int | None = None
+    only: tuple[str, ...] = ()
     data: Path | None = None
     results: Path = Path("results/experiments")
     work: Path = Path("runs/reproduce")
