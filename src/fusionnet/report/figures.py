@@ -74,6 +74,7 @@ def draw_answer(chapter: Chapter, metrics: Sequence[tuple[str, str]]) -> str:
                 axes.set_yticklabels([])
             else:
                 axes.set_title(f"network: {network}" if network else "", fontsize=9, loc="left")
+            axes.set_xlim(0, None if any(s.mean > 0 for s in rows) else 1)
             axes.set_xlabel(label, fontsize=9)
             bare(axes)
     return svg(canvas)
