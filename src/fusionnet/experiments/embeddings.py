@@ -26,7 +26,7 @@ SIZES: dict[Scale, tuple[int, ...]] = {
     "small": (10, 50, 100),
     "thesis": (10, 50, 100, 200, 500),
 }
-STEPS: dict[Scale, int] = {"smoke": 3, "small": 2000, "thesis": 16_000}
+STEPS: dict[Scale, int] = {"smoke": 3, "small": 1000, "thesis": 16_000}
 BATCH: dict[Scale, int] = {"smoke": 8, "small": 16, "thesis": 60}
 LAYERS: dict[Scale, int] = {"smoke": 1, "small": 2, "thesis": 4}
 VECTOR_EPOCHS: dict[Scale, int] = {"smoke": 2, "small": 10, "thesis": 200}
@@ -88,7 +88,7 @@ EXPERIMENT = Experiment(
     "the training sequences; sizes 10 to 500; validation cross-entropy, three repetitions.",
     differs={
         "smoke": "Commands of our own, one layer, 3 steps: it shows only that it runs.",
-        "small": f"Treebank, {SMALL_TREES}; 2 layers, 2,000 steps of 16 sequences with a one-cycle "
+        "small": f"Treebank, {SMALL_TREES}; 2 layers, 1,000 steps of 16 sequences with a one-cycle "
         "schedule, word vectors of 10 epochs, sizes 10, 50 and 100. Not converged: it tells which "
         "embeddings learn fastest, not where they end.",
         "thesis": "Treebank in place of the ETR data; exponent and least frequency of the word "
