@@ -62,7 +62,7 @@ EXPERIMENT = Experiment(
             x="nodes",
             like="figure 7.5",
             x_label="nodes an anchor and a token",
-            y_label="mean squared error of the scaled joints, true tree given",
+            y_label="MSE of the scaled joints, true tree given",
         ),
     ),
 )

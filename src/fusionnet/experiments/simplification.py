@@ -105,7 +105,7 @@ EXPERIMENT = Experiment(
         Figure(
             kind="bars",
             like="figures 7.3 and 7.4",
-            y_label="mean squared error of the scaled joints, true target given",
+            y_label="MSE of the scaled joints, true target given",
         ),
     ),
     caution="The true target is given to the decoder, as in the thesis: with RCL that tells the "

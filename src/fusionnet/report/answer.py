@@ -40,7 +40,8 @@ def answer_words(chapters: Sequence[Chapter]) -> str:
         claims = [j.claim.says for j in chapter.judgements if j.verdict == verdict]
         if claims:
             said.append(words + " ".join(claims))
-    seeds = "one seed" if chapter.seeds == 1 else f"up to {chapter.seeds} seeds"
+    count = len({record.seed for record in chapter.records})
+    seeds = "one seed" if count == 1 else f"up to {count} seeds"
     said = [sentence for sentence in said if sentence]
     return f"{QUESTION} At the {chapter.scale} scale, over {seeds}. {' '.join(said)}"
 
