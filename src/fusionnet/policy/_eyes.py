@@ -10,8 +10,8 @@ from fusionnet.models.retinanet import Sight
 
 EYE_WEIGHT = 0.75
 """Exponent on each of two eyes' probabilities: at 1/2 they are averaged, at 1 they count as
-independent witnesses. With a reader of minutes
-for the right eye 1/2 fits validation groups best (the experiment `eyes`)."""
+independent witnesses. With a right reader that learnt for minutes, 1/2 fits validation groups
+best (the experiment `eyes`)."""
 
 _LEAST = 1e-6
 
