@@ -95,9 +95,10 @@ def test_gymnasium_knows_the_environment_by_name(name):
     assert made.observation_space.contains(observation)
 
 
-@pytest.mark.parametrize("imports", ["fusionnet, gymnasium", "gymnasium, fusionnet"])
-def test_gymnasium_knows_it_whichever_is_imported_first(imports):
-    code = f"import {imports}; print(*(i for i in gymnasium.registry if 'fusionnet/' in i))"
+def test_importing_fusionnet_registers_the_environments():
+    code = (
+        "import fusionnet, gymnasium; print(*(i for i in gymnasium.registry if 'fusionnet/' in i))"
+    )
     ran = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
     assert ran.stdout.split() == ["fusionnet/PickPlace-v0", "fusionnet/PickPlaceServo-v0"]
 
