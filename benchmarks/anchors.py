@@ -8,12 +8,8 @@ of one iteration, measured in turns; ours is also timed for ten whole repetition
 """
 
 import json
-import os
-import platform
-import subprocess
 import time
 from dataclasses import dataclass
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +18,7 @@ import tyro
 
 from fusionnet.corpora import load_corpus
 from fusionnet.models.anchors import ClusterConfig, k_medians
+from fusionnet.provenance import provenance
 from fusionnet.randomness import generator
 from fusionnet.simulation import Appearance, SceneRenderer
 
@@ -113,17 +110,7 @@ def compare(sides: np.ndarray, config: Config) -> dict[str, Any]:
 
 
 def main(config: Config) -> None:
-    commit = subprocess.run(
-        ["git", "rev-parse", "--short", "HEAD"], capture_output=True, text=True, check=False
-    )
-    around = {
-        "images": config.images,
-        "seed": config.seed,
-        "commit": commit.stdout.strip(),
-        "processor": platform.processor() or platform.machine(),
-        "cores": os.cpu_count(),
-        "numpy": version("numpy"),
-    }
+    around = {"images": config.images, "seed": config.seed, **provenance()}
     sides = boxes(config)
     noised = sides * generator(config.seed, "noise").uniform(0.9, 1.1, sides.shape)
     for name, given in (("whole pixels", sides), ("fractions of pixels", noised)):

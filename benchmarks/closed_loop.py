@@ -8,8 +8,6 @@ looks, displacements and noise are the same, of groups that no network was train
 """
 
 import json
-import os
-import platform
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -52,13 +50,13 @@ def main(config: Config) -> None:
     settings = records[0].configuration
     document = {
         "command": "python benchmarks/closed_loop.py --data DIR",
+        **records[0].provenance,
         "commit": sorted({record.provenance["commit"] for record in records}),
         "corpus": settings["corpus"],
         "split": settings["split"],
         "policy": settings["policy"],
         "checkpoint": settings["checkpoint"],
         "seeds": sorted({record.seed for record in records}),
-        "machine": {"processor": platform.machine(), "cores": os.cpu_count()},
         "rows": rows,
     }
     write_whole(config.out, json.dumps(document, indent=1) + "\n")

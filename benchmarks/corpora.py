@@ -9,9 +9,6 @@ drawing the layouts and nothing else. Each part prints one JSON line.
 """
 
 import json
-import os
-import platform
-import subprocess
 import tempfile
 import time
 from collections.abc import Callable
@@ -26,6 +23,7 @@ import tyro
 
 from fusionnet.blocks import random_layout
 from fusionnet.corpora import Corpus, load_corpus, synthetic, treebank_files
+from fusionnet.provenance import provenance
 from fusionnet.randomness import generator
 from fusionnet.rcl import format
 
@@ -160,16 +158,7 @@ def making(config: Config) -> list[dict[str, Any]]:
 
 
 def main(config: Config) -> None:
-    commit = subprocess.run(
-        ["git", "rev-parse", "--short", "HEAD"], capture_output=True, text=True, check=False
-    )
-    around = {
-        "commit": commit.stdout.strip(),
-        "processor": platform.processor() or platform.machine(),
-        "cores": os.cpu_count(),
-        "python": platform.python_version(),
-        "seed": config.seed,
-    }
+    around = {"seed": config.seed, **provenance()}
     for part in (reading, making):
         begin = time.perf_counter()
         for found in part(config):

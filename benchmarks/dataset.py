@@ -13,14 +13,10 @@ own peak, after each shard. MUJOCO_GL must be set, or the rival draws in our con
 
 import json
 import multiprocessing
-import os
-import platform
 import resource
-import subprocess
 import tempfile
 import time
 from dataclasses import dataclass, replace
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -35,6 +31,7 @@ from fusionnet.dataset.framing import whole_frame
 from fusionnet.dataset.plan import BuildPlan
 from fusionnet.dataset.reader import StoredPictures
 from fusionnet.dataset.sources import Sources, studio
+from fusionnet.provenance import provenance
 from fusionnet.randomness import generator
 from fusionnet.views import level_one, save_views
 
@@ -202,17 +199,7 @@ def measure(config: Config) -> dict[str, Any]:
         "corpus": config.corpus,
         "seed": config.seed,
         "duration_seconds": round(time.perf_counter() - begun, 1),
-        "commit": subprocess.run(
-            ["git", "rev-parse", "--short", "HEAD"], capture_output=True, text=True, check=False
-        ).stdout.strip(),
-        "machine": {
-            "processor": platform.machine(),
-            "cores": os.cpu_count(),
-            "load_at_the_end": os.getloadavg()[0],
-        },
-        "versions": {
-            n: version(n) for n in ("mujoco", "numpy", "opencv-python-headless", "pyarrow")
-        },
+        **provenance(),
     }
 
 

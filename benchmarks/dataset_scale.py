@@ -8,14 +8,10 @@ of the processor, all workers included. What the whole thesis scale takes is ext
 """
 
 import json
-import os
-import platform
 import resource
-import subprocess
 import tempfile
 import time
 from dataclasses import dataclass
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +21,7 @@ from fusionnet.dataset.build import build, plan_for
 from fusionnet.dataset.check import check
 from fusionnet.dataset.plan import SCALES
 from fusionnet.dataset.sources import Sources
+from fusionnet.provenance import provenance
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -93,15 +90,7 @@ def measure(config: Config) -> dict[str, Any]:
         },
         "command": f"python benchmarks/dataset_scale.py --samples {config.samples} --data DIR",
         "seed": config.seed,
-        "commit": subprocess.run(
-            ["git", "rev-parse", "--short", "HEAD"], capture_output=True, text=True, check=False
-        ).stdout.strip(),
-        "machine": {
-            "processor": platform.machine(),
-            "cores": os.cpu_count(),
-            "load_at_the_end": os.getloadavg()[0],
-        },
-        "versions": {n: version(n) for n in ("joblib", "mujoco", "pyarrow")},
+        **provenance(),
     }
 
 

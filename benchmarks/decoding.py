@@ -15,7 +15,6 @@ The encoder's work is counted for all. Prints one JSON object.
 """
 
 import json
-import platform
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -28,6 +27,7 @@ from transformers import MarianConfig, MarianMTModel
 
 from fusionnet.models.beam_search import Alphabet, decode
 from fusionnet.models.transformer_network import TransformerNetwork, thesis
+from fusionnet.provenance import provenance
 
 SOURCE_WORDS, TARGET_WORDS = 1200, 90
 PADDING, START, END = 0, 2, 3
@@ -154,18 +154,19 @@ def main(config: Config) -> None:
                 if name != "cached"
             },
         }
-    provenance = {
-        "hardware": platform.processor() or platform.machine(),
-        "threads": torch.get_num_threads(),
-        "python": platform.python_version(),
-        "torch": torch.__version__,
-        "transformers": transformers.__version__,
-    }
     parameters = {
         "ours": sum(p.numel() for p in network.parameters()),
         "transformers": sum(p.numel() for p in other.parameters()),
     }
-    print(json.dumps({"tokens": tokens, "parameters": parameters, **found, **provenance}, indent=1))
+    document = {
+        "tokens": tokens,
+        "parameters": parameters,
+        **found,
+        "threads": torch.get_num_threads(),
+        "transformers": transformers.__version__,
+        **provenance(),
+    }
+    print(json.dumps(document, indent=1))
 
 
 if __name__ == "__main__":

@@ -10,13 +10,9 @@ load of the machine; medians are kept.
 """
 
 import json
-import os
-import platform
-import subprocess
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from importlib.metadata import version
 from pathlib import Path
 from statistics import median
 
@@ -27,6 +23,7 @@ from torchvision.models.detection import retinanet_resnet50_fpn_v2
 from fusionnet.dataset.layouts import varied_layout
 from fusionnet.models.retinanet import RetinaNet
 from fusionnet.policy import weights_folder
+from fusionnet.provenance import provenance
 from fusionnet.randomness import generator
 from fusionnet.simulation import Appearance, SceneRenderer
 
@@ -97,15 +94,7 @@ def main(config: Config) -> None:
         "rounds": config.rounds,
         "threads": config.threads,
         "seed": config.seed,
-        "commit": subprocess.run(
-            ["git", "rev-parse", "--short", "HEAD"], capture_output=True, text=True, check=True
-        ).stdout.strip(),
-        "machine": {
-            "processor": platform.machine(),
-            "cores": os.cpu_count(),
-            "load": round(os.getloadavg()[0], 1),
-        },
-        "versions": {name: version(name) for name in ("torch", "torchvision", "numpy")},
+        **provenance(),
     }
     text = json.dumps(report, indent=1)
     print(text)

@@ -15,9 +15,10 @@ from typing import Any
 import matplotlib
 import tyro
 from executed_success import Config as Scenes
-from executed_success import jobs, provenance, run, summary
+from executed_success import jobs, run, summary
 
 from fusionnet.files import write_whole
+from fusionnet.provenance import provenance
 
 FINDINGS = {0.25: 0.97, 0.5: 0.97, 1.0: 0.55, 2.0: 0.28}
 """The feasibility study: 60 random scenes with stacks up to three, gate 13 mm."""
@@ -50,7 +51,7 @@ class Config:
 
 def measure(config: Config) -> dict[str, Any]:
     """The points of the curve, and where they come from."""
-    points, begun = [], provenance(config)
+    points, begun = [], provenance()
     options = Scenes(data=config.data, scenes=config.scenes, seed=config.seed, robot=config.robot)
     drawn, _ = jobs(options)
     for noise in config.noises:
@@ -61,7 +62,8 @@ def measure(config: Config) -> dict[str, Any]:
         "command": f"python benchmarks/error_to_success.py --scenes {config.scenes} "
         f"--robot {config.robot} --seed {config.seed}",
         "points": points,
-        "provenance": begun,
+        "seed": config.seed,
+        **begun,
     }
 
 

@@ -11,13 +11,9 @@ What fails is listed.
 import dataclasses
 import json
 import multiprocessing
-import os
-import platform
-import subprocess
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
-from importlib.metadata import version
 from itertools import permutations
 from pathlib import Path
 from typing import Any
@@ -30,6 +26,7 @@ from fusionnet.corpora import load_corpus
 from fusionnet.errors import FusionNetError
 from fusionnet.evaluation.intervals import wilson_interval
 from fusionnet.files import write_whole
+from fusionnet.provenance import provenance
 from fusionnet.randomness import generator
 from fusionnet.simulation import joint_targets, make_world
 
@@ -167,22 +164,8 @@ def by_gripper(outcomes: Sequence[Outcome]) -> dict[str, Any]:
     }
 
 
-def provenance(config: Any) -> dict[str, Any]:
-    """What made the numbers."""
-    commit = subprocess.run(
-        ["git", "describe", "--always", "--dirty=+"], capture_output=True, text=True, check=False
-    )
-    return {
-        "seed": config.seed,
-        "commit": commit.stdout.strip(),
-        "processor": platform.processor() or platform.machine(),
-        "cores": os.cpu_count(),
-        "mujoco": version("mujoco"),
-    }
-
-
 def main(config: Config) -> None:
-    begun = provenance(config)
+    begun = provenance()
     drawn, without_move = jobs(config)
     work = [(job, config) for job in drawn]
     if config.workers == 1:
@@ -201,7 +184,8 @@ def main(config: Config) -> None:
         "nothing_to_move": sorted(without_move),
         "failures": [dataclasses.asdict(o) for o in outcomes if not o.success],
         "neighbour_moved_2_mm": [dataclasses.asdict(o) for o in outcomes if o.displacement > 2.0],
-        "provenance": begun,
+        "seed": config.seed,
+        **begun,
     }
     text = json.dumps(document, indent=1)
     print(text)

@@ -13,13 +13,9 @@ published, not measured here. MUJOCO_GL must be set, or the rival draws in our c
 
 import copy
 import json
-import os
-import platform
-import subprocess
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from importlib.metadata import version
 from typing import Any
 
 import cv2
@@ -29,6 +25,7 @@ import tyro
 
 from fusionnet.blocks import Layout, random_layout
 from fusionnet.geometry import PinholeCamera, invert
+from fusionnet.provenance import provenance
 from fusionnet.randomness import generator
 from fusionnet.simulation import BLOCK_COLORS, SceneRenderer
 from fusionnet.simulation.renderer import visible_boxes
@@ -202,15 +199,7 @@ def measure(config: Config) -> dict[str, Any]:
         ],
         "seed": config.seed,
         "duration_seconds": round(time.perf_counter() - begun, 1),
-        "commit": subprocess.run(
-            ["git", "rev-parse", "--short", "HEAD"], capture_output=True, text=True, check=False
-        ).stdout.strip(),
-        "machine": {
-            "processor": platform.processor() or platform.machine(),
-            "cores": os.cpu_count(),
-            "load_at_the_end": os.getloadavg()[0],
-        },
-        "versions": {name: version(name) for name in ("mujoco", "numpy", "opencv-python-headless")},
+        **provenance(),
     }
 
 

@@ -12,12 +12,8 @@ is not the sum of the medians.
 
 import itertools
 import json
-import os
-import platform
-import subprocess
 import time
 from dataclasses import dataclass
-from importlib.metadata import version
 from pathlib import Path
 from typing import NamedTuple
 from unittest import mock
@@ -30,6 +26,7 @@ from fusionnet.corpora import load_corpus
 from fusionnet.errors import FusionNetError
 from fusionnet.files import write_whole
 from fusionnet.policy import Kind, load_policy
+from fusionnet.provenance import provenance
 from fusionnet.randomness import generator
 from fusionnet.simulation import Appearance, make_world
 
@@ -126,15 +123,7 @@ def main(config: Config) -> None:
         "policy": config.policy,
         "checkpoint": config.checkpoint,
         "seed": config.seed,
-        "commit": subprocess.run(
-            ["git", "rev-parse", "--short", "HEAD"], capture_output=True, text=True, check=True
-        ).stdout.strip(),
-        "machine": {
-            "processor": platform.machine(),
-            "cores": os.cpu_count(),
-            "load": round(os.getloadavg()[0], 1),
-        },
-        "versions": {name: version(name) for name in ("torch", "numpy")},
+        **provenance(),
     }
     text = json.dumps(report, indent=1)
     print(text)

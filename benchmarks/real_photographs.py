@@ -7,9 +7,7 @@ upon their boards (at most three high), and their boxes are looked for around th
 """
 
 import json
-import subprocess
 from dataclasses import dataclass, replace
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +24,7 @@ from fusionnet.models.labelled_boxes import Boxes, BoxPrecision
 from fusionnet.models.look import look
 from fusionnet.models.retinanet import RetinaNet
 from fusionnet.policy import LEAST_SCORE, weights_folder
+from fusionnet.provenance import provenance
 from fusionnet.randomness import generator
 from fusionnet.views import EnvironmentalView, OverlayRenderer
 from fusionnet.views.calibration import calibrate
@@ -169,10 +168,7 @@ def main(config: Config) -> None:
         },
         "overlaid": numbers,
         "seed": config.seed,
-        "commit": subprocess.run(
-            ["git", "rev-parse", "--short", "HEAD"], capture_output=True, text=True, check=True
-        ).stdout.strip(),
-        "versions": {name: version(name) for name in ("torch", "mujoco", "numpy")},
+        **provenance(),
     }
     text = json.dumps(report, indent=1)
     print(text)

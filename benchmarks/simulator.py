@@ -10,13 +10,9 @@ import copy
 import hashlib
 import json
 import multiprocessing
-import os
-import platform
 import resource
-import subprocess
 import time
 from dataclasses import dataclass
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -29,6 +25,7 @@ from fusionnet import robots
 from fusionnet.blocks import Layout, Move, move_between, random_layout
 from fusionnet.corpora import load_corpus
 from fusionnet.files import write_whole
+from fusionnet.provenance import provenance
 from fusionnet.randomness import generator
 from fusionnet.robots import ArmKinematics
 from fusionnet.simulation import Appearance, SceneRenderer, joint_targets, make_world
@@ -237,17 +234,7 @@ def memory(config: Config) -> dict[str, Any]:
 
 def main(config: Config) -> None:
     parts = {f.__name__: f for f in (episodes, kinematics, images, memory)}
-    commit = subprocess.run(
-        ["git", "describe", "--always", "--dirty=+"], capture_output=True, text=True, check=False
-    )
-    around = {
-        "robot": config.robot,
-        "seed": config.seed,
-        "commit": commit.stdout.strip(),
-        "processor": platform.processor() or platform.machine(),
-        "cores": os.cpu_count(),
-        **{name: version(name) for name in ("mujoco", "mink", "numpy")},
-    }
+    around = {"robot": config.robot, "seed": config.seed, **provenance()}
     for name in config.only:
         begin = time.perf_counter()
         found = parts[name](config)

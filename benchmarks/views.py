@@ -11,13 +11,9 @@ that the board is evenly bright. Near lamps: the same with a lamp half a metre f
 """
 
 import json
-import os
-import platform
-import subprocess
 import tempfile
 import time
 from dataclasses import dataclass
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +22,7 @@ import numpy as np
 import tyro
 
 from fusionnet.geometry import invert
+from fusionnet.provenance import provenance
 from fusionnet.randomness import generator
 from fusionnet.views import EnvironmentalView, load_views
 from fusionnet.views.calibration import calibrate
@@ -204,14 +201,7 @@ def measure(config: Config) -> dict[str, Any]:
         "command": f"python benchmarks/views.py --photographs FOLDER --images {config.images}",
         "seed": config.seed,
         "duration_seconds": round(time.perf_counter() - begun, 1),
-        "commit": subprocess.run(
-            ["git", "rev-parse", "--short", "HEAD"], capture_output=True, text=True, check=False
-        ).stdout.strip(),
-        "machine": {
-            "processor": platform.processor() or platform.machine(),
-            "cores": os.cpu_count(),
-        },
-        "versions": {name: version(name) for name in ("mujoco", "numpy", "opencv-python-headless")},
+        **provenance(),
     }
 
 

@@ -16,6 +16,7 @@ HOUSE = (
     "randomness",
     "catalogue",
     "files",
+    "provenance",
     "geometry",
     "rcl",
     "blocks",

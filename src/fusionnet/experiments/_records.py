@@ -1,24 +1,18 @@
 """One whole JSON file a run: what was run, on what, how long, and what came out."""
 
 import json
-import os
-import platform
-import subprocess
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
-from functools import cache
-from importlib import metadata
 from pathlib import Path
 from typing import Any
 
 from fusionnet.errors import DataError
 from fusionnet.experiments._experiment import Outcome, Trial, Variant
 from fusionnet.files import write_whole
+from fusionnet.provenance import provenance
 
 SCHEMA = 1
 """Version of the files; raised when their meaning changes."""
-
-PACKAGES = ("fusionnet", "torch", "torchvision", "numpy", "mujoco", "optuna", "torchjd", "gensim")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -31,7 +25,7 @@ class Record:
         command: Makes this run again, and those beside it.
         metrics, configuration, curves, details: Of the outcome.
         seconds: Wall time.
-        provenance: Commit, versions, hardware.
+        provenance: Commit, versions, machine.
     """
 
     experiment: str
@@ -108,57 +102,3 @@ def read_records(results: Path, experiment: str, scale: str) -> list[Record]:
 def _records(folder: Path) -> Iterator[Record]:
     for file in sorted(folder.glob("*.json")):
         yield read_record(file)
-
-
-@cache
-def provenance() -> dict[str, Any]:
-    """The commit, the versions and the machine of this process."""
-    return {
-        "commit": _commit(),
-        "python": platform.python_version(),
-        "versions": {name: _version(name) for name in PACKAGES},
-        "machine": platform.machine(),
-        "processor": _processor(),
-        "cores": os.cpu_count(),
-        "device": _device(),
-    }
-
-
-def _commit() -> str | None:
-    """The commit that the package runs from, with a plus if something is changed."""
-    git = ["git", "-C", str(Path(__file__).parent)]
-    try:
-        commit = subprocess.run(
-            [*git, "rev-parse", "--short=12", "HEAD"], capture_output=True, text=True, check=True
-        )
-        changed = subprocess.run(
-            [*git, "status", "--porcelain", "--untracked-files=no", "."],
-            capture_output=True,
-            text=True,
-            check=True,
-        )
-    except (OSError, subprocess.CalledProcessError):
-        return None
-    return commit.stdout.strip() + ("+" if changed.stdout.strip() else "")
-
-
-def _version(package: str) -> str | None:
-    try:
-        return metadata.version(package)
-    except metadata.PackageNotFoundError:
-        return None
-
-
-def _processor() -> str:
-    try:
-        lines = Path("/proc/cpuinfo").read_text().splitlines()
-    except OSError:
-        return platform.processor()
-    names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
-    return names[0] if names else platform.processor()
-
-
-def _device() -> str:
-    import torch
-
-    return torch.cuda.get_device_name() if torch.cuda.is_available() else "cpu"
