@@ -37,7 +37,7 @@ from fusionnet.views import (
 )
 from fusionnet.views.calibration import calibrate
 from fusionnet.views.checkerboard import Checkerboard
-from fusionnet.views.importing import pose_in, undistorted
+from fusionnet.views.importing import view_of
 from fusionnet.views.photographing import photograph_pose
 from fusionnet.views.photographs import find_boards
 from fusionnet.views.pose import draw_region
@@ -111,14 +111,7 @@ def real_photographs(folder: Path, squares: tuple[int, int], seed: int) -> list[
     environment, renderer = calibration.environments[0], OverlayRenderer(calibration.size)
     drawn = []
     for photograph in environment.used:
-        view = EnvironmentalView(
-            name=photograph.name,
-            environment="real",
-            part="val",
-            image=undistorted(calibration, environment, photograph),
-            matrix=calibration.matrix,
-            camera_from_board=pose_in(calibration, environment, photograph),
-        )
+        view = view_of(calibration, environment, photograph)
         layout = random_layout(generator(seed, "real", photograph.name))
         low = tuple(b for b in layout.blocks if b.cell.z < 3 and b is not layout.held)
         drawn.append(renderer.view(Layout(low), view).image)

@@ -29,7 +29,7 @@ from fusionnet.randomness import generator
 from fusionnet.views import EnvironmentalView, OverlayRenderer
 from fusionnet.views.calibration import calibrate
 from fusionnet.views.checkerboard import Checkerboard
-from fusionnet.views.importing import pose_in, undistorted
+from fusionnet.views.importing import view_of
 from fusionnet.views.photographs import find_boards, picture_files
 from fusionnet.views.picture_file import read_picture
 
@@ -112,15 +112,7 @@ def overlaid(config: Config, model: RetinaNet) -> tuple[dict[str, Any], list[np.
     renderer = OverlayRenderer((3 * width, 3 * height))
     strict, lenient, pictures, shown = BoxPrecision(), BoxPrecision(), [], 0
     for row, photograph in enumerate(environment.used):
-        view = EnvironmentalView(
-            name=photograph.name,
-            environment="real",
-            part="val",
-            image=undistorted(calibration, environment, photograph),
-            matrix=calibration.matrix,
-            camera_from_board=pose_in(calibration, environment, photograph),
-        )
-        view, frame = framed(view, model.frame)
+        view, frame = framed(view_of(calibration, environment, photograph), model.frame)
         for turn in range(config.layouts):
             layout = low_layout(config.seed, row * config.layouts + turn)
             seen = renderer.view(layout, view)

@@ -4,7 +4,7 @@ from collections.abc import Collection
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Float, UInt8
+from jaxtyping import Float
 
 from fusionnet.errors import InputError
 from fusionnet.geometry import invert
@@ -26,13 +26,6 @@ class ImportedViews:
 
     views: tuple[EnvironmentalView, ...]
     left_out: tuple[Photograph, ...]
-
-
-def undistorted(
-    calibration: Calibration, environment: CalibratedEnvironment, photograph: Photograph
-) -> UInt8[np.ndarray, "h w 3"]:
-    """A photograph as the calibration's one pinhole camera would have taken it."""
-    return environment.lens.undistort(read_picture(photograph.file), calibration.undistorted_to)
 
 
 def pose_in(
@@ -63,6 +56,27 @@ def pose_in(
     return grid_pose(pixels, calibration.board, calibration.matrix, turned)
 
 
+def view_of(
+    calibration: Calibration, environment: CalibratedEnvironment, photograph: Photograph
+) -> EnvironmentalView:
+    """A photograph as the calibration's one pinhole camera would have taken it, for training.
+
+    The whole grid need not be in the picture.
+
+    Raises:
+        InputError: If it cannot be read, or no pose explains its corners.
+    """
+    picture = read_picture(photograph.file)
+    return EnvironmentalView(
+        name=f"{photograph.environment}-{photograph.file.stem}",
+        environment=photograph.environment,
+        part="train",
+        image=environment.lens.undistort(picture, calibration.undistorted_to),
+        matrix=calibration.matrix,
+        camera_from_board=pose_in(calibration, environment, photograph),
+    )
+
+
 def import_views(calibration: Calibration, only: Collection[str] | None = None) -> ImportedViews:
     """Make a view of every calibrated photograph from which the whole grid can be seen.
 
@@ -79,14 +93,7 @@ def import_views(calibration: Calibration, only: Collection[str] | None = None) 
             if only is not None and photograph.name not in only:
                 continue
             try:
-                view = EnvironmentalView(
-                    name=f"{photograph.environment}-{photograph.file.stem}",
-                    environment=photograph.environment,
-                    part="train",
-                    image=undistorted(calibration, environment, photograph),
-                    matrix=calibration.matrix,
-                    camera_from_board=pose_in(calibration, environment, photograph),
-                )
+                view = view_of(calibration, environment, photograph)
                 check_view(view)
             except InputError as error:
                 left_out.append(replace(photograph, reason=str(error)))
