@@ -14,7 +14,18 @@ from hypothesis.extra.numpy import arrays
 from pycocotools import mask as coco_mask
 
 from dataset_fixtures import SIZE, digests, small_plan, small_sources
-from fusionnet.blocks import Block, Cell, Color, Layout, Move, Scene, Shape, apply, layout_from_json
+from fusionnet.blocks import (
+    EMPTY,
+    Block,
+    Cell,
+    Color,
+    Layout,
+    Move,
+    Scene,
+    Shape,
+    apply,
+    layout_from_json,
+)
 from fusionnet.corpora import load_corpus, part_of
 from fusionnet.dataset import shards
 from fusionnet.dataset.build import build
@@ -23,7 +34,7 @@ from fusionnet.dataset.folder import read_checksums
 from fusionnet.dataset.frame import PictureFrame
 from fusionnet.dataset.framing import decode, grid_frame, labels_of, whole_frame
 from fusionnet.dataset.masks import decode_mask, encode_masks, mask_extent
-from fusionnet.dataset.pictures import EMPTY, EYE_FRAME, label
+from fusionnet.dataset.pictures import EYE_FRAME, label
 from fusionnet.dataset.plan import BuildPlan, counts_for
 from fusionnet.dataset.reader import StoredPictures, StoredSamples
 from fusionnet.dataset.recipes import Recipe, Recipes, held_out_layouts

@@ -8,10 +8,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dataset_fixtures import small_plan, small_sources
-from fusionnet.blocks import Block, Cell, Color, Layout, Shape, validate
+from fusionnet.blocks import EMPTY, Block, Cell, Color, Layout, Shape, validate
 from fusionnet.dataset.build import build
 from fusionnet.dataset.layouts import varied_layout
-from fusionnet.dataset.pictures import EMPTY, EYE_FRAME, label
+from fusionnet.dataset.pictures import EYE_FRAME, label
 from fusionnet.dataset.reader import StoredPictures
 from fusionnet.errors import InputError
 from fusionnet.models.heads.boxes import BoxConfig, Boxes, BoxHead, BoxOutputs

@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fusionnet.blocks import Cell, Color, Layout, Shape, plan, random_layout, validate
-from fusionnet.blocks.plausibility import EMPTY, PlausibleLayouts, layout_from_classes
+from fusionnet.blocks import EMPTY, Cell, Color, Layout, Shape, plan, random_layout, validate
+from fusionnet.blocks.plausibility import PlausibleLayouts, layout_from_classes
 from fusionnet.blocks.voting import likely_layout, vote
 from fusionnet.corpora import load_corpus
 from fusionnet.errors import InputError

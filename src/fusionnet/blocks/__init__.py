@@ -4,6 +4,7 @@ from fusionnet.blocks.difference import move_between
 from fusionnet.blocks.grid import (
     BLOCK_SIZE,
     CLASS_NAMES,
+    EMPTY,
     GRID,
     Block,
     Cell,
@@ -27,6 +28,7 @@ from fusionnet.blocks.validation import validate
 __all__ = [
     "BLOCK_SIZE",
     "CLASS_NAMES",
+    "EMPTY",
     "GRID",
     "HOLDING_HEIGHT",
     "Block",

@@ -10,6 +10,9 @@ from enum import StrEnum
 from functools import cached_property
 from typing import NamedTuple
 
+import numpy as np
+from jaxtyping import Int
+
 from fusionnet.rcl.values import Color as Color
 
 GRID = 8
@@ -51,6 +54,9 @@ class Cell(NamedTuple):
 
 CLASS_NAMES = tuple(f"{shape}_{color}" for shape in Shape for color in Color)
 """The 16 classes, named as in thesis table 6.2; `Block.class_index` points into it."""
+
+EMPTY = len(CLASS_NAMES)
+"""The class of a cell without a block, after those of `CLASS_NAMES`."""
 
 _CLASS_INDEX = {
     (shape, color): number * len(Color) + index
@@ -107,6 +113,14 @@ class Layout:
             place: tuple(sorted(column, key=lambda block: block.cell.z))
             for place, column in columns.items()
         }
+
+    @property
+    def cell_classes(self) -> Int[np.ndarray, "8 8 8"]:
+        """The class of the block in each cell, `EMPTY` where there is none."""
+        cells = np.full((GRID, GRID, GRID), EMPTY)
+        for block in self.blocks:
+            cells[block.cell] = block.class_index
+        return cells
 
     def at(self, cell: Cell) -> Block | None:
         """The block in a cell, if there is one."""

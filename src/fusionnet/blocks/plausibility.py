@@ -13,16 +13,23 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Float, Int, Integer
 
-from fusionnet.blocks.grid import CLASS_NAMES, GRID, Block, Cell, Color, Gripper, Layout, Shape
+from fusionnet.blocks.grid import (
+    CLASS_NAMES,
+    EMPTY,
+    GRID,
+    Block,
+    Cell,
+    Color,
+    Gripper,
+    Layout,
+    Shape,
+)
 from fusionnet.errors import InputError
 
 COLUMNS = GRID**2
 CELLS = GRID**3
 CLASSES = len(CLASS_NAMES)
 COLORS = len(Color)
-EMPTY = CLASSES
-"""Number of the class "no block in this cell"."""
-
 NOTHING_HELD = -1
 FLOOR = 1e-4
 NEGLIGIBLE = 3e-3

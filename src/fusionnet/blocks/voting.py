@@ -13,9 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Int
 
-from fusionnet.blocks.grid import Color, Layout, Move
+from fusionnet.blocks.grid import EMPTY, Color, Layout, Move
 from fusionnet.blocks.planner import plan
-from fusionnet.blocks.plausibility import COLORS, EMPTY, DrawnLayouts, PlausibleLayouts
+from fusionnet.blocks.plausibility import COLORS, DrawnLayouts, PlausibleLayouts
 from fusionnet.errors import InputError, PlanningError
 from fusionnet.rcl import Color as ColorWord
 from fusionnet.rcl import Entity, Event, SpatialRelation, Tree

@@ -12,9 +12,9 @@ import cv2
 import numpy as np
 from jaxtyping import Float, UInt8
 
-from fusionnet.blocks import BLOCK_SIZE, GRID
+from fusionnet.blocks import BLOCK_SIZE, EMPTY, GRID
 from fusionnet.dataset.frame import PictureFrame
-from fusionnet.dataset.pictures import EMPTY, EYE_FRAME, EYE_FRAMES, LEAST_PIXELS, Labels
+from fusionnet.dataset.pictures import EYE_FRAME, EYE_FRAMES, LEAST_PIXELS, Labels
 from fusionnet.dataset.recipes import EYE
 from fusionnet.errors import DataError, InputError
 

@@ -9,9 +9,6 @@ from fusionnet.blocks import Layout
 from fusionnet.dataset.frame import PictureFrame
 from fusionnet.simulation import Appearance, SceneRenderer
 
-EMPTY = 16
-"""Class of a cell without a block; 0 to 15 are `blocks.CLASS_NAMES`."""
-
 LEAST_PIXELS = 12
 """Blocks with fewer visible pixels of the eye's picture get no box."""
 
@@ -61,10 +58,8 @@ def label(
 ) -> tuple[UInt8[np.ndarray, "h w 3"], Labels]:
     """The network's input for a layout, and what is true of it."""
     view = renderer.view(layout, camera=camera, appearance=appearance)
-    cells = np.full(512, EMPTY)
     visible = np.zeros(512, dtype=int)
     for block, pixels in zip(layout.blocks, view.visible, strict=True):
-        cells[block.cell.index] = block.class_index
         visible[block.cell.index] = pixels
     shown = view.visible[view.indices] >= LEAST_PIXELS
     boxes = frame.to_input(view.boxes[shown].astype(float))
@@ -72,7 +67,7 @@ def label(
         boxes=np.clip(boxes, 0, np.tile(frame.input_size, 2)),
         classes=view.classes[shown],
         hidden=view.mostly_hidden[shown],
-        cells=cells,
+        cells=layout.cell_classes.reshape(512),
         visible=visible,
         holding=layout.held is not None,
         matrix=frame.matrix(view.camera.matrix),

@@ -17,10 +17,11 @@ import torch
 import tyro
 from jaxtyping import Float, UInt8
 
+from fusionnet.blocks import EMPTY
 from fusionnet.blocks.voting import likely_layout
 from fusionnet.corpora import Part, load_corpus
 from fusionnet.dataset.frame import PictureFrame
-from fusionnet.dataset.pictures import EMPTY, Labels, label
+from fusionnet.dataset.pictures import Labels, label
 from fusionnet.dataset.reader import StoredPictures
 from fusionnet.errors import DataError, InputError
 from fusionnet.models.labelled_boxes import Boxes, BoxPrecision
@@ -206,9 +207,7 @@ def _confidence(sight: Sight, truth: Labels) -> Float[np.ndarray, "n 2"]:
 
 def _cells(sight: Sight, truth: Labels) -> dict[str, np.ndarray]:
     """What is right of the likeliest layout that can stand, which is the one that is answered."""
-    guess = np.full(512, EMPTY)
-    for stands in likely_layout(sight.cells, sight.holding).blocks:
-        guess[stands.cell.index] = stands.class_index
+    guess = likely_layout(sight.cells, sight.holding).cell_classes.reshape(512)
     block = truth.cells != EMPTY
     clear = block & (truth.visible >= CLEARLY_VISIBLE)
     right = guess == truth.cells

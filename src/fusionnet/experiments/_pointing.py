@@ -19,10 +19,9 @@ from jaxtyping import Float, Int, UInt8
 from torch import Tensor, nn
 from torch.nn.functional import cross_entropy
 
-from fusionnet.blocks.grid import GRID
+from fusionnet.blocks import EMPTY, GRID
 from fusionnet.experiments._pointing_task import CELLS, LEVELS, PointingSet
 from fusionnet.models.heads.camera_pose import sample
-from fusionnet.models.heads.occupancy import EMPTY
 from fusionnet.models.target_text import END, START
 from fusionnet.models.transformer_network import (
     TransformerConfig,

@@ -15,10 +15,9 @@ import numpy as np
 import torch
 from jaxtyping import Bool, Int
 
-from fusionnet.blocks import plan
+from fusionnet.blocks import EMPTY, plan
 from fusionnet.blocks.voting import vote
 from fusionnet.corpora import Command
-from fusionnet.dataset.pictures import EMPTY
 from fusionnet.experiments._experiment import (
     Claim,
     Experiment,
@@ -178,11 +177,9 @@ def _look(
         rng = generator(trial.seed, "eyes", "look", part, number)
         world = make_world(layout=before, appearance=Appearance.sample(rng))
         sights = tuple(reader.see(world.image(eye)) for eye, reader in readers)
-        cells, visible = np.full(512, EMPTY), np.zeros(512, dtype=int)
-        shown = world.view(LEFT).visible
-        for block, pixels in zip(before.blocks, shown, strict=True):
-            cells[block.cell.index], visible[block.cell.index] = block.class_index, pixels
-        seen.append(Seen(command, sights, cells, visible))
+        visible = np.zeros(512, dtype=int)
+        visible[[block.cell.index for block in before.blocks]] = world.view(LEFT).visible
+        seen.append(Seen(command, sights, before.cell_classes.reshape(512), visible))
         if trial.progress is not None:
             trial.progress(number + 1, min(count, len(commands)))
     return seen

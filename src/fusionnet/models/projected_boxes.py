@@ -15,11 +15,10 @@ from jaxtyping import Float, Int
 from scipy import ndimage
 from torchvision.ops import box_iou
 
-from fusionnet.blocks import BLOCK_SIZE, CLASS_NAMES, GRID, Block, Cell, Color, Shape
+from fusionnet.blocks import BLOCK_SIZE, EMPTY, GRID, Block, Cell, Color, Shape
 from fusionnet.models.heads.boxes import SCORE, Boxes
 from fusionnet.simulation.tabletop import drawn_corners, ideal_poses
 
-EMPTY = len(CLASS_NAMES)
 COLORS = len(Color)
 
 LEAST_PIXELS = 12

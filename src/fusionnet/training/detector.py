@@ -16,7 +16,7 @@ import torch
 import tyro
 from jaxtyping import Int
 
-from fusionnet.blocks import Layout
+from fusionnet.blocks import EMPTY, Layout
 from fusionnet.dataset.folder import read_plan
 from fusionnet.dataset.pictures import EYE_FRAMES, Labels
 from fusionnet.dataset.reader import StoredPictures
@@ -300,13 +300,13 @@ def measure(model: RetinaNet, pictures: AnyPictures, size: int = 25) -> dict[str
         logits, held = outputs["occupancy"]
         guess, truth = logits.argmax(-1).numpy(), batch.cells.numpy()
         visible = np.stack([labels.visible for _, labels in samples])
-        block, right = truth != model.occupancy_head.empty, guess == truth
+        block, right = truth != EMPTY, guess == truth
         target = model.pose_head.target(batch.matrix, batch.camera_from_board)
         found = {
             "blocks_right": right[block],
             "blocks_right_15_pixels": right[block & (visible >= 15)],
             "layout_right": right.all(axis=1),
-            "phantoms": ((guess != model.occupancy_head.empty) & ~block).sum(axis=1),
+            "phantoms": ((guess != EMPTY) & ~block).sum(axis=1),
             "pose_pixels": model.pose_head.metric(outputs["pose"], target).numpy(),
             "holding_right": (held.numpy() > 0) == (batch.holding.numpy() > 0.5),
         }

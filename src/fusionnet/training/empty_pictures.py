@@ -8,7 +8,8 @@ import cv2
 import numpy as np
 from jaxtyping import Float, UInt8
 
-from fusionnet.dataset.pictures import EMPTY, Labels
+from fusionnet.blocks import EMPTY
+from fusionnet.dataset.pictures import Labels
 
 _SQUARE = 24
 """Pixels a square as drawn, before the board is seen from somewhere."""

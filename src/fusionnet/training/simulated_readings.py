@@ -11,8 +11,8 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Float, Int
 
-from fusionnet.blocks import GRID, Color, Layout
-from fusionnet.blocks.plausibility import CLASSES, COLORS, EMPTY, NOTHING_HELD
+from fusionnet.blocks import EMPTY, GRID, Color, Layout
+from fusionnet.blocks.plausibility import CLASSES, COLORS, NOTHING_HELD
 
 _CONFUSED = {
     Color.BLUE: Color.CYAN,
@@ -30,14 +30,9 @@ _OFTEN = np.array([c in (Color.BLUE, Color.CYAN, Color.GRAY, Color.WHITE) for c 
 
 def cells_of(layouts: Sequence[Layout]) -> tuple[Int[np.ndarray, "b 8 8 8"], Int[np.ndarray, " b"]]:
     """The class of each cell (16: empty), and the held block's cell index (-1: none)."""
-    cells = np.full((len(layouts), GRID, GRID, GRID), EMPTY, dtype=np.int64)
-    held = np.full(len(layouts), NOTHING_HELD, dtype=np.int64)
-    for row, layout in enumerate(layouts):
-        for block in layout.blocks:
-            cells[row][block.cell] = block.class_index
-        if layout.held is not None:
-            held[row] = layout.held.cell.index
-    return cells, held
+    held = [NOTHING_HELD if each.held is None else each.held.cell.index for each in layouts]
+    cells = np.array([each.cell_classes for each in layouts], dtype=int)
+    return cells.reshape(-1, GRID, GRID, GRID), np.array(held, dtype=int)
 
 
 def exact_readings(

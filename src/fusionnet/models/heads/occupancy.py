@@ -12,13 +12,10 @@ import torch
 from jaxtyping import Float, Int
 from torch import Tensor, nn
 
-from fusionnet.blocks import BLOCK_SIZE, CLASS_NAMES, GRID
+from fusionnet.blocks import BLOCK_SIZE, EMPTY, GRID
 from fusionnet.errors import InputError
 from fusionnet.models.heads._head import Example, Features, Head, Shapes
 from fusionnet.models.heads.camera_pose import sample
-
-EMPTY = len(CLASS_NAMES)
-"""Index of the class "no block in this cell"; 0 to 15 are `CLASS_NAMES`."""
 
 
 class Occupancy(nn.Module):
@@ -48,7 +45,6 @@ class Occupancy(nn.Module):
         detail: int = 0,
     ) -> None:
         super().__init__()
-        self.empty = EMPTY
         self.input_size = input_size
         points = cell_points()
         self.points_a_cell = points.shape[1]
