@@ -27,6 +27,7 @@ from fusionnet.training.detector import (
     measure,
     new_detector,
     start_from,
+    train,
 )
 from fusionnet.training.loop import LoopConfig, fit
 
@@ -151,6 +152,18 @@ def test_pictures_without_blocks_are_learnt_from(stored):
     assert len(first[0].images) == 6 and len(first[0].cells) <= 4
     assert [len(boxes.xyxy) for boxes in first[0].boxes[-2:]] == [0, 0]
     assert len({int(image.sum()) for image in first[0].images}) == 6
+
+
+def test_of_several_processes_the_first_alone_measures_and_saves(stored, tmp_path, monkeypatch):
+    monkeypatch.setattr("fusionnet.training.detector.is_first_process", lambda: False)
+    config = DetectorConfig(
+        datasets=(stored,),
+        out=tmp_path / "checkpoint",
+        work=tmp_path / "work",
+        batch=2,
+        loop=LoopConfig(steps=1),
+    )
+    assert train(config) == {} and not config.out.exists()
 
 
 def test_nothing_to_learn_from_is_refused():

@@ -338,6 +338,13 @@ def test_english_may_be_written_instead(tmp_path):
     assert again.features("move the red cube onto the blue cube").shape[1] == 4
 
 
+def test_of_several_processes_the_first_alone_measures_and_saves(tmp_path, monkeypatch):
+    monkeypatch.setattr("fusionnet.training.transformer.is_first_process", lambda: False)
+    write_tiny_treebank(tmp_path / "data")
+    config = tiny_config(tmp_path, loop=LoopConfig(steps=1))
+    assert train(config) == {} and not config.out.exists()
+
+
 def test_what_cannot_be_learnt_is_refused(tmp_path):
     write_tiny_treebank(tmp_path / "data")
     with pytest.raises(DataError, match="fewer than 9 tokens"):

@@ -447,6 +447,19 @@ def write_treebank(folder: Path) -> Path:
     return folder
 
 
+def test_of_several_processes_the_first_alone_measures_and_saves(tmp_path, monkeypatch):
+    monkeypatch.setattr("fusionnet.training.translator.is_first_process", lambda: False)
+    config = TranslatorConfig(
+        out=tmp_path / "checkpoint",
+        work=tmp_path / "work",
+        data=write_treebank(tmp_path / "data"),
+        batch=4,
+        invented=0,
+        loop=LoopConfig(steps=1),
+    )
+    assert train(config) == {} and not config.out.exists()
+
+
 def test_train_then_evaluate_from_a_folder(tmp_path):
     data = write_treebank(tmp_path / "data")
     config = TranslatorConfig(

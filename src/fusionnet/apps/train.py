@@ -1,4 +1,8 @@
-"""`fusionnet train ...`: the trainers of the library, with a bar for each of their stages."""
+"""`fusionnet train ...`: the trainers of the library, with a bar for each of their stages.
+
+Of several processes, one a device, a trainer gives its metrics to the first alone: the others
+print nothing.
+"""
 
 from typing import Any
 
@@ -27,15 +31,14 @@ def detector(config: DetectorConfig | ThesisDetectorConfig) -> dict[str, Any] | 
     """
     with bars() as bar:
         if isinstance(config, ThesisDetectorConfig):
-            # Of several processes, one a device, all but the first have nothing to print.
             return train_thesis_detector(config, progress=bar("training")) or None
-        return train_detector(config, progress=bar("training"))
+        return train_detector(config, progress=bar("training")) or None
 
 
 DETECTOR_PRESETS = {"compact": DetectorConfig, "thesis": ThesisDetectorConfig}
 
 
-def translator(config: TranslatorConfig | ThesisTranslatorConfig) -> dict[str, Any]:
+def translator(config: TranslatorConfig | ThesisTranslatorConfig) -> dict[str, Any] | None:
     """Train a translator: a sentence to its tree.
 
     --preset compact (what we ship): short runs of symbols, and the words of each.
@@ -45,8 +48,8 @@ def translator(config: TranslatorConfig | ThesisTranslatorConfig) -> dict[str, A
     """
     with bars() as bar:
         if isinstance(config, ThesisTranslatorConfig):
-            return train_transformer(config, progress=bar("training"))
-        return train_translator(config, progress=bar("training"))
+            return train_transformer(config, progress=bar("training")) or None
+        return train_translator(config, progress=bar("training")) or None
 
 
 TRANSLATOR_PRESETS = {"compact": TranslatorConfig, "thesis": ThesisTranslatorConfig}
@@ -64,7 +67,6 @@ def fusion(
     `--work` folder says. Prints its metrics as JSON.
     """
     with bars() as bar:
-        # Of several processes, one a device, all but the first have nothing to print.
         if isinstance(config, ThesisFusionConfig):
             return train_thesis_fusion(config, progress=bar("training")) or None
         return train_fusion(config, progress=bar("training"), rendering=bar("rendering")) or None

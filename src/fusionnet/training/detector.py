@@ -29,7 +29,7 @@ from fusionnet.models.retinanet import KIND, Batch, RetinaNet
 from fusionnet.randomness import derived_seed, generator
 from fusionnet.simulation import SceneRenderer
 from fusionnet.training.empty_pictures import empty_picture
-from fusionnet.training.loop import LoopConfig, Progress, fit
+from fusionnet.training.loop import LoopConfig, Progress, fit, is_first_process
 from fusionnet.training.picture_variation import varied
 
 log = logging.getLogger(__name__)
@@ -119,7 +119,11 @@ AnyPictures = StoredPictures | JoinedPictures
 
 
 def train(config: DetectorConfig, *, progress: Progress | None = None) -> dict[str, Any]:
-    """Train, calibrate, measure and save; returns the metrics on the validation pictures."""
+    """Train, calibrate, measure and save; returns the metrics on the validation pictures.
+
+    Of several processes, one a device, only the first measures and saves; the others return
+    nothing.
+    """
     pictures = JoinedPictures([StoredPictures(folder, "train") for folder in config.datasets])
     checked = StoredPictures(config.datasets[0], "sim_val")
     _check_eyes(config)
@@ -134,6 +138,8 @@ def train(config: DetectorConfig, *, progress: Progress | None = None) -> dict[s
         folder=config.work,
         progress=progress,
     )
+    if not is_first_process():
+        return {}
     calibrate(model, checked)
     metrics = measure(model, checked)
     paths = ("datasets", "out", "work", "start")

@@ -64,7 +64,10 @@ def train(config: ThesisFusionConfig, *, progress: Progress | None = None) -> di
 def run(
     config: ThesisFusionConfig, *, progress: Progress | None = None
 ) -> tuple[ThesisFusionNet, list[LogLine], dict[str, Any]]:
-    """Train and measure without a checkpoint: the model, its log, the metrics by split."""
+    """Train and measure without a checkpoint: the model, its log, the metrics by split.
+
+    Of several processes, one a device, only the first measures.
+    """
     if config.threads:
         torch.set_num_threads(config.threads)
     model = new_model(config)
@@ -94,8 +97,10 @@ def run(
         folder=config.work,
         progress=progress,
     )
+    if not is_first_process():
+        return model, history, {}
     measured = {}
-    for split, examples in checked.items() if is_first_process() else ():
+    for split, examples in checked.items():
         episodes = 0 if split == "train" else config.episodes
         measured[split] = measure(model, examples, config.checked, episodes=episodes)
     return model, history, measured

@@ -26,7 +26,7 @@ from fusionnet.randomness import derived_seed, generator
 from fusionnet.rcl import format
 from fusionnet.sentences import PADDING, Vocabulary, tokenize, variants, words_of
 from fusionnet.sentences.word_vectors import cbow, skip_gram, train_word_vectors
-from fusionnet.training.loop import LogLine, LoopConfig, Progress, fit
+from fusionnet.training.loop import LogLine, LoopConfig, Progress, fit, is_first_process
 from fusionnet.training.optimizers import OptimizerConfig
 from fusionnet.training.schedules import ScheduleConfig
 from fusionnet.training.splits import Split, commands_of
@@ -144,6 +144,9 @@ class TokenBatch:
 def train(config: ThesisTranslatorConfig, *, progress: Progress | None = None) -> dict[str, Any]:
     """Train, measure on the commands kept apart, and save; returns the metrics.
 
+    Of several processes, one a device, only the first measures and saves; the others return
+    nothing.
+
     Raises:
         DataError: If there is nothing to learn from.
         OutputError: If the checkpoint cannot be written.
@@ -153,6 +156,8 @@ def train(config: ThesisTranslatorConfig, *, progress: Progress | None = None) -
     kept_apart = {command.id for command in checked}
     learnt = [c for c in commands_of(corpus, config.learn) if c.id not in kept_apart]
     translator, pairs, history = learn(learnt, config, folder=config.work, progress=progress)
+    if not is_first_process():
+        return {}
     metrics: dict[str, Any] = {"commands": len(learnt), "pairs": pairs}
     metrics |= measure(translator, checked) if checked else {}
     metrics["loss"] = history[-1]["loss"] if history else None

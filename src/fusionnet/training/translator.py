@@ -37,7 +37,7 @@ from fusionnet.randomness import derived_seed, generator
 from fusionnet.sentences import UNKNOWN, Vocabulary
 from fusionnet.sentences.phrases import COLOR_PHRASES, NUMBER_WORDS, OPENINGS, SYNONYMS
 from fusionnet.training.aligned_sentences import AlignedSentence, aligned_all
-from fusionnet.training.loop import LoopConfig, Progress, fit
+from fusionnet.training.loop import LoopConfig, Progress, fit, is_first_process
 from fusionnet.training.sentence_augmentation import AugmentationConfig, Augmenter
 from fusionnet.training.splits import Split, commands_of
 
@@ -125,7 +125,11 @@ class TrainingBatch:
 
 
 def train(config: TranslatorConfig, *, progress: Progress | None = None) -> dict[str, Any]:
-    """Train, measure on the commands kept apart, and save; returns the metrics."""
+    """Train, measure on the commands kept apart, and save; returns the metrics.
+
+    Of several processes, one a device, only the first measures and saves; the others return
+    nothing.
+    """
     corpus = load_corpus(config.corpus, config.data)
     checked = commands_of(corpus, config.check)
     kept_apart = {command.id for command in checked}
@@ -144,6 +148,8 @@ def train(config: TranslatorConfig, *, progress: Progress | None = None) -> dict
         folder=config.work,
         progress=progress,
     )
+    if not is_first_process():
+        return {}
     translator = Translator(network, vocabulary, lexicon_of([*sentences, *invented], vocabulary))
     metrics = {
         "sentences": len(sentences),
