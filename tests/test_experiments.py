@@ -181,6 +181,16 @@ def test_some_variants_may_be_run_alone(tmp_path):
         reproduce(toy(), plan(tmp_path, only=("nothing",)))
 
 
+def test_some_variants_may_be_made_again_alone(tmp_path):
+    everything = reproduce(toy(trials=2), plan(tmp_path))
+    before = made(tmp_path)
+    reproduce(toy(trials=2), plan(tmp_path, only=("x2",), again=True))
+    assert made(tmp_path) - before == Counter(["x2 0", "x2 1"])
+    assert len(read_records(tmp_path / "results", "toy", "smoke")) == len(everything)
+    reproduce(toy(trials=2), plan(tmp_path))
+    assert made(tmp_path) - before == Counter(["x2 0", "x2 1"])
+
+
 def test_no_seeds_are_refused():
     with pytest.raises(InputError, match="At least one seed"):
         Plan(seeds=0)

@@ -2,7 +2,7 @@
 
 import shutil
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from fusionnet.errors import UnknownNameError
@@ -44,7 +44,7 @@ def reproduce(
         total += (experiment.search.trials[plan.scale] - 1) * each + len(seeds)
     trials = [trial_of(experiment, plan, v, seed, within) for seed in seeds for v in variants]
     if plan.again:
-        _forget(experiment, plan)
+        _forget(experiment, plan, variants)
     records: dict[Path, Record] = {}
 
     def note(file: Path, record: Record) -> None:
@@ -77,9 +77,16 @@ def _chosen(experiment: Experiment, plan: Plan) -> list[Variant]:
     return [v for name, v in variants.items() if not plan.only or name in plan.only]
 
 
-def _forget(experiment: Experiment, plan: Plan) -> None:
-    """Remove the records of a scale, its study, and the states of runs that were killed."""
-    for file in (plan.results / experiment.name / plan.scale).glob("*.json"):
-        file.unlink(missing_ok=True)
-    forget_study(experiment, plan)
-    shutil.rmtree(plan.work / plan.scale / "states" / experiment.name, ignore_errors=True)
+def _forget(experiment: Experiment, plan: Plan, variants: Sequence[Variant]) -> None:
+    """Remove the records of variants that a plan names, and the states of runs that were killed.
+
+    Where it names none, all of the scale go, and the study of its search.
+    """
+    patterns = [f"{variant.name}-seed*" for variant in variants] if plan.only else ["*"]
+    for pattern in patterns:
+        for file in (plan.results / experiment.name / plan.scale).glob(f"{pattern}.json"):
+            file.unlink(missing_ok=True)
+        for state in (plan.work / plan.scale / "states" / experiment.name).glob(pattern):
+            shutil.rmtree(state, ignore_errors=True)
+    if not plan.only:
+        forget_study(experiment, plan)

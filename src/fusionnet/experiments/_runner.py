@@ -27,7 +27,8 @@ class Plan:
         data: Folder of the treebank; without it commands of our own are used.
         results: Folder of the records.
         work: Folder for data sets, states and locks.
-        again: Make finished runs again; otherwise they are kept, and what is missing is made.
+        again: Make finished runs again, those of `only` where it names some; otherwise they are
+            kept, and what is missing is made.
     """
 
     scale: Scale = "small"
