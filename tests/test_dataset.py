@@ -14,7 +14,9 @@ from hypothesis.extra.numpy import arrays
 from pycocotools import mask as coco_mask
 
 from dataset_fixtures import SIZE, digests, small_plan, small_sources
+from fusionnet import robots
 from fusionnet.blocks import (
+    BLOCK_SIZE,
     EMPTY,
     Block,
     Cell,
@@ -40,13 +42,14 @@ from fusionnet.dataset.reader import StoredPictures, StoredSamples
 from fusionnet.dataset.recipes import Recipe, Recipes, held_out_layouts
 from fusionnet.dataset.sample import encode_jpeg, make_sample
 from fusionnet.dataset.schema import COLUMNS
-from fusionnet.dataset.shots import Eyes, Photographs
+from fusionnet.dataset.shots import FARTHEST, Eyes, Photographs
 from fusionnet.errors import DataError, InputError, OutputError, UnknownNameError
+from fusionnet.geometry import apply as moved
 from fusionnet.geometry import rotation_from_vector, transform
 from fusionnet.randomness import generator
 from fusionnet.rcl import format as format_tree
 from fusionnet.rcl import parse
-from fusionnet.simulation import Appearance, SceneRenderer
+from fusionnet.simulation import Appearance, SceneRenderer, displacements
 
 
 @pytest.fixture(scope="module")
@@ -128,6 +131,30 @@ def test_neither_held_out_layouts_nor_validation_views_are_trained_on(sources):
         assert not any(r.noised for r in made[split])
     assert {part_of(r.command.scene.group) for r in made["sim"]} == {"test"}
     assert {r.kind for r in made["sim"]} == {"eye"}
+
+
+def test_blocks_stand_beside_their_cells_in_the_share_that_was_asked_for(sources):
+    corpus = load_corpus("treebank", sources.data)
+    counts = (("train", 200), ("sim", 40))
+    planned = BuildPlan(counts=counts, corpus="treebank", corpus_digest="", displaced=0.5)
+    recipes = Recipes(planned, corpus)
+    displaced = [recipes.recipe("train", i).displaced for i in range(200)]
+    assert 0.35 < np.mean(displaced) < 0.65
+    assert not any(recipes.recipe("sim", i).displaced for i in range(40))
+
+
+def test_a_displaced_block_is_seen_where_it_stands():
+    layout = Layout((Block(Color.RED, Shape.CUBE, Cell(3, 3, 0)),))
+    eyes = Eyes("nico", (960, 540))
+    middle, beside = (eyes.shot(layout, "left_eye", 2, displaced) for displaced in (False, True))
+    shift = displacements(layout, FARTHEST, generator(2, "displacement"))
+    assert 0 < np.linalg.norm(shift) <= FARTHEST
+    ends = np.array([3.5, 3.5, 0.5]) * BLOCK_SIZE + [[0, 0, 0], [*shift[0], 0]]
+    ends = moved(robots.load("nico").robot_from_board, ends)
+    expected = np.diff(middle.view.camera.project(ends), axis=0)
+    seen = beside.view.boxes[0] - middle.view.boxes[0]
+    np.testing.assert_allclose((seen[:2] + seen[2:]) / 2, expected[0], atol=1.5)
+    assert "displaced" in beside.noise and "displaced" not in middle.noise
 
 
 def test_a_held_out_layout_is_not_even_invented(sources, monkeypatch):

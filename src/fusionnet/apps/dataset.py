@@ -54,6 +54,8 @@ class BuildConfig:
     """Share of the training samples whose layout is varied or invented."""
     invented: float = 0.3
     """Share of those whose layout is invented."""
+    displaced: float = 0.0
+    """Share of the training samples through an eye in which top blocks stand up to 1 cm off."""
     noised: float = 0.75
     """Share of the training samples in views with level-one noise."""
     strength: float = 0.15

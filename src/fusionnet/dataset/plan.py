@@ -70,6 +70,8 @@ class BuildPlan:
         eyes_share: Share of the training samples seen through the robot's eyes.
         varied: Share of the training samples whose layout is varied or invented.
         invented: Share of those whose layout is invented.
+        displaced: Share of the training samples through the robot's eyes in which top blocks stand
+            up to 1 cm beside the middle of their cells.
         noised: Share of the training samples in views with level-1 noise (thesis: 3 of 4).
         strength: Of that noise's displacements, 0 to 1; at 1, as in the thesis, blocks stray into
             the next cell (see `views.level_one`).
@@ -90,6 +92,7 @@ class BuildPlan:
     eyes_share: float = 0.25
     varied: float = 0.0
     invented: float = 0.3
+    displaced: float = 0.0
     noised: float = 0.75
     strength: float = 0.15
     sensor: bool = True
@@ -100,7 +103,7 @@ class BuildPlan:
 
     def __post_init__(self) -> None:
         """Refuse what cannot be built."""
-        shares = ("eyes_share", "varied", "invented", "noised", "strength")
+        shares = ("eyes_share", "varied", "invented", "displaced", "noised", "strength")
         for name in shares:
             if not 0.0 <= getattr(self, name) <= 1.0:
                 raise InputError(f"{name} is a share, from 0 to 1; received {getattr(self, name)}.")
@@ -143,7 +146,8 @@ class BuildPlan:
             DataError: If the values are not those of a plan.
         """
         try:
-            known = {"sensor": True} | dict(values)  # which older plans do not mention
+            older = {"sensor": True, "displaced": 0.0}  # which older plans do not mention
+            known = older | dict(values)
             read = {f.name: known[f.name] for f in fields(cls)}
             read["counts"] = tuple((str(s), int(n)) for s, n in read["counts"].items())
             read["views"] = (tuple(read["views"]["train"]), tuple(read["views"]["val"]))

@@ -34,6 +34,7 @@ class Recipe:
         camera: Name of the robot's camera, or of the view.
         noised: Whether a view's picture is varied (thesis 3.2.5, level 1).
         seed: Of everything random in the sample.
+        displaced: Whether blocks before the robot's eyes stand beside the middle of their cells.
     """
 
     id: str
@@ -43,6 +44,7 @@ class Recipe:
     camera: str
     noised: bool
     seed: int
+    displaced: bool = False
 
 
 class Recipes:
@@ -84,6 +86,7 @@ class Recipes:
         views = () if cameras == "eyes" else plan.views[cameras == "val"]
         if not views or (training and through_eye):
             views = ()
+        displaced = generator(seed, "displaced").random() < plan.displaced
         layouts = self._layouts[part]
         order = generator(plan.seed, "dataset layouts", split).permutation(len(layouts))
         place = int(order[index % len(layouts)])
@@ -101,6 +104,7 @@ class Recipes:
             kind=VIEW if views else EYE,
             camera=names[(turn + place) % len(names)],
             noised=bool(training and noised),
+            displaced=bool(training and not views and displaced),
             seed=seed,
         )
 

@@ -11,11 +11,14 @@ from jaxtyping import Float
 from fusionnet.blocks import Layout
 from fusionnet.errors import UnknownNameError
 from fusionnet.randomness import generator
-from fusionnet.simulation import Appearance, SceneRenderer, View
+from fusionnet.simulation import Appearance, SceneRenderer, View, displacements
 from fusionnet.views import EnvironmentalView, Look, OverlayRenderer, SensorNoise, level_one
 
 SIMULATION = "simulation"
 """Environment of pictures through the robot's eyes."""
+
+FARTHEST = 0.01
+"""How far blocks that are displaced stand from the middle of their cells, in metres, at most."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -49,16 +52,28 @@ class Eyes:
     def __init__(self, robot: str, size: tuple[int, int]) -> None:
         self._renderer = SceneRenderer(robot, size)
 
-    def shot(self, layout: Layout, camera: str, seed: int) -> Shot:
-        """A layout through one of the robot's cameras; the look depends on the seed alone."""
+    def shot(self, layout: Layout, camera: str, seed: int, displaced: bool = False) -> Shot:
+        """A layout through one of the robot's cameras; the look depends on the seed alone.
+
+        Args:
+            layout: What stands on the board.
+            camera: Name of the camera.
+            seed: Of the look.
+            displaced: Whether top blocks stand up to `FARTHEST` beside the middle of their cells.
+        """
         look = Appearance.sample(generator(seed, "look"))
+        kind = "appearance"
+        if displaced:
+            kind = "appearance and displaced blocks"
+            shifts = displacements(layout, FARTHEST, generator(seed, "displacement"))
+            look.block_shifts[: len(shifts)] += shifts
         view = self._renderer.view(layout, camera=camera, appearance=look, masks=True)
         board = self._renderer.robot.robot_from_board
         return Shot(
             view=view,
             camera_from_board=view.camera.camera_from_robot @ board,
             environment=SIMULATION,
-            noise=json.dumps({"kind": "appearance", **_short_values(look)}),
+            noise=json.dumps({"kind": kind, **_short_values(look)}),
         )
 
 

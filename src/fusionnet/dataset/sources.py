@@ -85,7 +85,7 @@ class Studio:
         """The picture that a recipe asks for."""
         layout, camera = recipe.command.scene.before, recipe.camera
         if recipe.kind == EYE:
-            return self._eyes.shot(layout, camera, recipe.seed)
+            return self._eyes.shot(layout, camera, recipe.seed, recipe.displaced)
         assert self._photographs is not None
         return self._photographs.shot(layout, camera, recipe.seed, recipe.noised)
 

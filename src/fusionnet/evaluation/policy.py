@@ -14,7 +14,7 @@ from typing import Any, Literal
 import numpy as np
 from jaxtyping import Float, UInt8
 
-from fusionnet.blocks import BLOCK_SIZE, Layout, Move, apply, plan
+from fusionnet.blocks import Layout, Move, apply, plan
 from fusionnet.corpora import Command, load_corpus
 from fusionnet.errors import DoubtError, InputError, NotUnderstoodError, PlanningError
 from fusionnet.evaluation.intervals import wilson_interval
@@ -22,8 +22,7 @@ from fusionnet.policy import Answer, Kind, Policy, Servo, load_policy
 from fusionnet.randomness import derived_seed, generator
 from fusionnet.rcl import Tree
 from fusionnet.robots import Robot
-from fusionnet.simulation import Appearance, joint_targets, make_world
-from fusionnet.simulation.tabletop import BLOCK_HALF
+from fusionnet.simulation import Appearance, displacements, joint_targets, make_world
 
 Outcome = Literal[
     "reached", "not understood", "doubted", "read wrong", "saw wrong", "pointed wrong", "slipped"
@@ -213,7 +212,9 @@ def _episode(policy: Policy, command: Command, config: PolicyEvaluation, index: 
         seed=derived_seed(config.seed, "world", index),
         layout=before,
         appearance=look,
-        shifts=_displacements(before, config.displaced / 1000, config.seed, index),
+        shifts=displacements(
+            before, config.displaced / 1000, generator(config.seed, "displacement", index)
+        ),
     )
     images = [world.image(eye) for eye in EYES[config.eyes]]
     wanted = plan(command.tree, before)
@@ -241,34 +242,6 @@ def _episode(policy: Policy, command: Command, config: PolicyEvaluation, index: 
         milliseconds,
     )
     return Watched(record, command, wanted, images[0], answer)
-
-
-def _displacements(
-    layout: Layout, farthest: float, seed: int, index: int
-) -> Float[np.ndarray, "n 2"] | None:
-    """Displaces each top block by up to `farthest` (metres), where it touches no other block."""
-    if farthest <= 0.0:
-        return None
-    rng = generator(seed, "displacement", index)
-    centers = np.array([b.cell for b in layout.blocks], dtype=float).reshape(-1, 3) * BLOCK_SIZE
-    shifts = np.zeros((len(centers), 2))
-    heights = {(b.cell.x, b.cell.y): 0 for b in layout.blocks}
-    for block in layout.blocks:
-        column = block.cell.x, block.cell.y
-        heights[column] = max(heights[column], block.cell.z)
-    for number, block in enumerate(layout.blocks):
-        if block.cell.z != heights[block.cell.x, block.cell.y] or block is layout.held:
-            continue
-        level = np.abs(centers[:, 2] - centers[number, 2]) < 0.5 * BLOCK_SIZE
-        level[number] = False
-        for _ in range(20):
-            angle, radius = rng.uniform(0.0, 2.0 * np.pi), farthest * np.sqrt(rng.uniform())
-            shift = radius * np.array([np.cos(angle), np.sin(angle)])
-            apart = np.abs(centers[number, :2] + shift - centers[level, :2] - shifts[level])
-            if not (apart < 2 * BLOCK_HALF[0] + 0.0005).all(axis=1).any():
-                shifts[number] = shift
-                break
-    return shifts
 
 
 def _disturbed(

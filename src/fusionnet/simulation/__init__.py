@@ -6,6 +6,7 @@ postures for any position of the hand.
 """
 
 from fusionnet.simulation.appearance import BLOCK_COLORS, Appearance
+from fusionnet.simulation.displacement import displacements
 from fusionnet.simulation.episode import Episode, Phase
 from fusionnet.simulation.renderer import SceneRenderer, View
 from fusionnet.simulation.world import World, joint_targets, make_world
@@ -18,6 +19,7 @@ __all__ = [
     "SceneRenderer",
     "View",
     "World",
+    "displacements",
     "joint_targets",
     "make_world",
 ]
