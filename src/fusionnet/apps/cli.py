@@ -77,6 +77,7 @@ COMMANDS = {
     ),
     "views import": Entry("your photographs, to draw blocks into", "fusionnet.apps.views:import_"),
     "views rooms": Entry("six rendered rooms, photographed", "fusionnet.apps.views:rooms"),
+    "views draw": Entry("drawn views, each unlike the others", "fusionnet.apps.views:draw"),
     "views show": Entry("where the grid is in each view", "fusionnet.apps.views:show"),
     "dataset build": Entry(
         "pictures, sentences, trees and joint angles", "fusionnet.apps.dataset:build"

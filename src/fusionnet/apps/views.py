@@ -16,13 +16,14 @@ from fusionnet.views.calibration import Calibration
 from fusionnet.views.calibration import calibrate as calibrate_all
 from fusionnet.views.calibration_report import as_json, write_report
 from fusionnet.views.checkerboard import Checkerboard
+from fusionnet.views.drawn import drawn_views
 from fusionnet.views.importing import choose, import_views, set_aside
 from fusionnet.views.known_calibration import load_calibration
 from fusionnet.views.mesh_sheet import mesh_sheet
 from fusionnet.views.photographing import chosen_views, parted, photograph_rooms, room_errors
 from fusionnet.views.photographs import FEWEST_USABLE, Environment, Photograph, find_boards
 from fusionnet.views.rooms import BOARD
-from fusionnet.views.view_files import load_views, write_views
+from fusionnet.views.view_files import load_views, save_views, write_views
 
 Folders = tyro.conf.Positional[tuple[Path, ...]]
 
@@ -76,6 +77,22 @@ class RoomsConfig:
     """Their width and height, in pixels."""
     seed: int = 0
     """Of poses, distractors and sensor noise."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class DrawConfig:
+    """How many views, and where to."""
+
+    out: tyro.conf.Positional[Path]
+    """A new folder for the views."""
+    count: int = 300
+    """Views in all."""
+    validation: int = 30
+    """How many of them are for validation only."""
+    size: tuple[int, int] = (960, 540)
+    """Their width and height, in pixels."""
+    seed: int = 0
+    """Of cameras, tables, boards and clutter."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -143,6 +160,20 @@ def rooms(config: RoomsConfig) -> dict[str, Any]:
         write_report(aside, calibration)
     errors = room_errors(calibration).as_json()
     return {"views": len(imported.views), **errors, **_summary(calibration, imported.left_out)}
+
+
+def draw(config: DrawConfig) -> dict[str, Any]:
+    """Draw views instead of photographing them: any camera, table and board, among clutter.
+
+    Prints how many there are as JSON.
+    """
+    check_new_folder(config.out)
+    with bars() as bar:
+        views = drawn_views(
+            config.count, config.seed, config.size, config.validation, progress=bar("views")
+        )
+    save_views(config.out, views)
+    return {"views": len(views)}
 
 
 def show(config: ShowConfig) -> None:

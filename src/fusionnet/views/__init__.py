@@ -1,5 +1,6 @@
 """Environmental views: photographs of a board, blocks drawn into them, noise (thesis 3.2)."""
 
+from fusionnet.views.drawn import drawn_view, drawn_views
 from fusionnet.views.noise import LevelOne, Look, SensorNoise, level_one
 from fusionnet.views.overlay import OverlayRenderer, shared_overlay
 from fusionnet.views.transformation import LevelTwo, crop_around, cropped, transformed
@@ -16,6 +17,8 @@ __all__ = [
     "check_view",
     "crop_around",
     "cropped",
+    "drawn_view",
+    "drawn_views",
     "level_one",
     "load_views",
     "save_views",

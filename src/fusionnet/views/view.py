@@ -13,6 +13,9 @@ from fusionnet.geometry import PinholeCamera, PointBehindCameraError
 
 Part = Literal["train", "val"]
 
+MOST_VIEWS = 10_000
+"""In one folder."""
+
 REGION_CORNERS = np.array(list(product((0.0, GRID * BLOCK_SIZE), repeat=3)))
 """The eight corners of the grasping region, all 8x8x8 cells, in the board frame (metres)."""
 

@@ -12,13 +12,12 @@ from PIL import Image
 from fusionnet.errors import DataError, InputError
 from fusionnet.files import check_new_folder, folder_whole
 from fusionnet.views.picture_file import read_picture
-from fusionnet.views.view import EnvironmentalView, check_view
+from fusionnet.views.view import MOST_VIEWS, EnvironmentalView, check_view
 
 VIEWS_FILE = "views.json"
 KIND = "fusionnet views"
 SCHEMA_VERSION = 1
 MOST_BYTES = 10 * 2**20
-MOST_VIEWS = 10_000
 
 SHIPPED = {"rooms": Path(__file__).with_name("rooms15")}
 """Views that come with the package, by name."""
