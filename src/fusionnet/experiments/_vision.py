@@ -20,9 +20,6 @@ PAUSE = 0.5
 COMMANDS = 40
 """Commands of our own at the smoke scale."""
 
-LEFT = "left_eye"
-"""The eye that looks where nothing else is said."""
-
 CHECKED = "sim_val"
 """Split that is measured: layouts of validation groups through the robot's eye, in other looks."""
 
@@ -34,9 +31,8 @@ def pictures_for(
     size: tuple[int, int],
     *,
     views: str | None = None,
-    eye: str = LEFT,
 ) -> Path:
-    """A data set through one of the robot's eyes, or in environmental views.
+    """A data set through the robot's left eye, or in environmental views.
 
     Args:
         trial: Whose scale and data it is for.
@@ -44,7 +40,6 @@ def pictures_for(
         checked: Pictures of the split `CHECKED`.
         size: Width and height of stored pictures, in pixels.
         views: Name of the views that training sees instead of the robot's eye.
-        eye: Which one looks.
 
     Raises:
         DataError: If the treebank is needed and was not given, or is damaged.
@@ -53,7 +48,7 @@ def pictures_for(
     if trial.scale != "smoke" and trial.data is None:
         corpus_for(trial)  # says how to give it
     own = trial.scale == "smoke"
-    return _made(trial.work, None if own else trial.data, (train, checked), size, views, eye)
+    return _made(trial.work, None if own else trial.data, (train, checked), size, views)
 
 
 @lru_cache(maxsize=4)  # once a process: the corpus is read to see that nothing is missing
@@ -63,16 +58,14 @@ def _made(
     counts: tuple[int, int],
     size: tuple[int, int],
     views: str | None,
-    eye: str,
 ) -> Path:
-    seen_by = views or ("eye" if eye == LEFT else eye)
-    folder = work / f"pictures-{seen_by}-{counts[0]}-{size[0]}x{size[1]}"
+    folder = work / f"pictures-{views or 'eye'}-{counts[0]}-{size[0]}x{size[1]}"
     lock = Lock(work, folder)
     while not lock.acquire():
         time.sleep(PAUSE)
     with lock:
         sources = Sources(data=data or _own_commands(work / "commands"), views=views)
-        options = {"size": size, "varied": 0.3, "eyes_share": 0.0, "eyes": (eye,)}
+        options = {"size": size, "varied": 0.3, "eyes_share": 0.0}
         plan = plan_for(str(counts[0]), "treebank", sources, **options)
         splits = {"train": counts[0], CHECKED: counts[1]}
         splits |= {"val": counts[1]} if views else {}
