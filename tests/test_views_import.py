@@ -29,7 +29,22 @@ def room(tmp_path_factory):
 def calibrated(room, tmp_path_factory):
     """What `views import` made of that room."""
     out = tmp_path_factory.mktemp("calibrated") / "views"
-    assert main(["views", "import", str(room), "--out", str(out), "--validation", "0"]) == 0
+    assert (
+        main(
+            [
+                "views",
+                "import",
+                str(room),
+                "--out",
+                str(out),
+                "--validation",
+                "0",
+                "--uncertain",
+                "5",
+            ]
+        )
+        == 0
+    )
     return out
 
 
@@ -47,7 +62,17 @@ def test_one_photograph_is_enough_with_a_calibration(room, calibrated, tmp_path,
     folder.mkdir()
     shutil.copy(room / "view-1.jpg", folder)
     out = tmp_path / "views"
-    arguments = ["views", "import", str(folder), "--out", str(out), "--validation", "0"]
+    arguments = [
+        "views",
+        "import",
+        str(folder),
+        "--out",
+        str(out),
+        "--validation",
+        "0",
+        "--uncertain",
+        "5",
+    ]
     assert "at least 3 are needed" in refused(arguments, capsys)
     assert main([*arguments, "--calibration", str(calibrated)]) == 0
     (view,) = load_views(out)
@@ -92,7 +117,17 @@ def test_a_calibration_that_does_not_fit_is_refused(wrong, room, calibrated, tmp
         "size": "those of the calibration",
         "unnamed": "its own are kitchen, office",
     }[wrong]
-    arguments = ["views", "import", str(folder), "--out", str(out), "--calibration", str(source)]
+    arguments = [
+        "views",
+        "import",
+        str(folder),
+        "--out",
+        str(out),
+        "--calibration",
+        str(source),
+        "--uncertain",
+        "5",
+    ]
     assert message in refused([*arguments, "--validation", "0"], capsys)
     assert not out.exists()
 
@@ -106,7 +141,7 @@ def test_photographs_without_the_whole_grid_become_no_views(room, calibrated, tm
     folder.mkdir()
     shutil.copy(room / near[0], folder)
     out = tmp_path / "views"
-    arguments = ["views", "import", str(folder), "--out", str(out)]
+    arguments = ["views", "import", str(folder), "--out", str(out), "--uncertain", "5"]
     error = refused([*arguments, "--validation", "0", "--calibration", str(calibrated)], capsys)
     assert "leaves the picture" in error and not out.exists()
 

@@ -17,7 +17,7 @@ from fusionnet.views.calibration import calibrate as calibrate_all
 from fusionnet.views.calibration_report import as_json, write_report
 from fusionnet.views.checkerboard import Checkerboard
 from fusionnet.views.drawn import drawn_views
-from fusionnet.views.importing import choose, import_views, set_aside
+from fusionnet.views.importing import MOST_UNCERTAIN, choose, import_views, set_aside
 from fusionnet.views.known_calibration import load_calibration
 from fusionnet.views.mesh_sheet import mesh_sheet
 from fusionnet.views.photographing import chosen_views, parted, photograph_rooms, room_errors
@@ -61,6 +61,9 @@ class ImportConfig:
     """Views to keep: those whose cameras stand farthest apart."""
     validation: int = 3
     """How many of them are for validation only."""
+    uncertain: float = 1000 * MOST_UNCERTAIN
+    """Standard deviation of a camera's place up to which its photograph becomes a view, in
+    millimetres, if a square is as large as a block."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -131,7 +134,7 @@ def import_(config: ImportConfig) -> dict[str, Any]:
     else:
         known = load_calibration(config.calibration)
         calibration = known.applied(_found(config.folders, board, fewest=1), board)
-    imported = import_views(calibration)
+    imported = import_views(calibration, most_uncertain=config.uncertain / 1000)
     if not imported.views:
         reason = imported.left_out[0].reason if imported.left_out else "none was taken"
         raise InputError(f"From none of the photographs the whole grid can be seen ({reason})")

@@ -6,13 +6,24 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float
 
+from fusionnet.blocks.grid import BLOCK_SIZE
 from fusionnet.errors import InputError
 from fusionnet.geometry import invert
 from fusionnet.views.calibration import CalibratedEnvironment, Calibration
 from fusionnet.views.photographs import Photograph
 from fusionnet.views.picture_file import read_picture
-from fusionnet.views.pose import GridPlacement, facing, grid_pose
+from fusionnet.views.pose import (
+    GridPlacement,
+    estimate_pose,
+    facing,
+    grid_pose,
+    place_deviation,
+)
 from fusionnet.views.view import EnvironmentalView, check_view
+
+MOST_UNCERTAIN = 0.0005
+"""Standard deviation (metres) of a camera's place up to which its photograph becomes a view: 19
+times of 20 the place then is right to a millimetre."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,14 +57,37 @@ def pose_in(
     Raises:
         InputError: If no pose explains the corners.
     """
-    assert photograph.corners is not None
-    target = calibration.undistorted_to
-    pixels = environment.lens.slopes(photograph.corners) * target[[0, 1], [0, 1]] + target[:2, 2]
+    pixels = _undistorted_corners(calibration, environment, photograph)
     if placement is not None:
         return grid_pose(pixels, calibration.board, calibration.matrix, placement)
     pose = grid_pose(pixels, calibration.board, calibration.matrix)
     turned = GridPlacement(quarter_turns=facing(pose))
     return grid_pose(pixels, calibration.board, calibration.matrix, turned)
+
+
+def deviation_in(
+    calibration: Calibration, environment: CalibratedEnvironment, photograph: Photograph
+) -> float:
+    """Standard deviation of where the camera of a photograph stands, in metres.
+
+    A square counts as large as a block, as in views.
+
+    Raises:
+        InputError: If no pose explains the corners.
+    """
+    pixels = _undistorted_corners(calibration, environment, photograph)
+    board = replace(calibration.board, square=BLOCK_SIZE)
+    pose = estimate_pose(pixels, board, calibration.matrix)
+    return place_deviation(pixels, board, calibration.matrix, pose)
+
+
+def _undistorted_corners(
+    calibration: Calibration, environment: CalibratedEnvironment, photograph: Photograph
+) -> Float[np.ndarray, "n 2"]:
+    assert photograph.corners is not None
+    target = calibration.undistorted_to
+    slopes = environment.lens.slopes(photograph.corners)
+    return slopes * target[[0, 1], [0, 1]] + target[:2, 2]
 
 
 def view_of(
@@ -77,12 +111,18 @@ def view_of(
     )
 
 
-def import_views(calibration: Calibration, only: Collection[str] | None = None) -> ImportedViews:
+def import_views(
+    calibration: Calibration,
+    only: Collection[str] | None = None,
+    most_uncertain: float = MOST_UNCERTAIN,
+) -> ImportedViews:
     """Make a view of every calibrated photograph from which the whole grid can be seen.
 
     Args:
         calibration: Of all environments.
         only: Names (`environment/file`) of the photographs to take; all if left out.
+        most_uncertain: Greatest standard deviation of the camera's place, in metres, if a square
+            is as large as a block.
 
     Returns:
         Views for training; `set_aside` makes some validate.
@@ -95,11 +135,21 @@ def import_views(calibration: Calibration, only: Collection[str] | None = None) 
             try:
                 view = view_of(calibration, environment, photograph)
                 check_view(view)
+                _check_certain(deviation_in(calibration, environment, photograph), most_uncertain)
             except InputError as error:
                 left_out.append(replace(photograph, reason=str(error)))
             else:
                 views.append(view)
     return ImportedViews(tuple(views), tuple(left_out))
+
+
+def _check_certain(deviation: float, most: float) -> None:
+    if deviation > most:
+        raise InputError(
+            f"Its corners tell where the camera stands to {1000 * deviation:.1f} mm only "
+            f"(standard deviation; at most {1000 * most:.1f} is used). Take it nearer, sharper or "
+            "more from above, or allow more (--uncertain)."
+        )
 
 
 def choose(views: tuple[EnvironmentalView, ...], count: int) -> tuple[EnvironmentalView, ...]:

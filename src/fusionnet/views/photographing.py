@@ -15,7 +15,7 @@ from fusionnet.files import write_whole
 from fusionnet.geometry import invert, vector_from_rotation
 from fusionnet.randomness import generator
 from fusionnet.views.calibration import CalibratedEnvironment, Calibration
-from fusionnet.views.importing import pose_in
+from fusionnet.views.importing import MOST_UNCERTAIN, deviation_in, pose_in
 from fusionnet.views.rooms import (
     PLACEMENT,
     ROOMS,
@@ -193,7 +193,8 @@ class RoomErrors:
 def room_errors(calibration: Calibration) -> RoomErrors:
     """Compare the calibration of photographs that `photograph_rooms` took with the truth.
 
-    Only photographs whose pose would be used are compared: all in which the board was found.
+    Only photographs whose pose would be used are compared: those in which the board was found, and
+    seen well enough.
     """
     focal, position, rotation, chosen = [], [], [], []
     views = chosen_views()
@@ -202,6 +203,8 @@ def room_errors(calibration: Calibration) -> RoomErrors:
         focal.append(environment.lens.matrix[0, 0] / truth["matrix"][0][0] - 1.0)
         for photograph in environment.used:
             true = np.array(truth["camera_from_board"][photograph.file.stem])
+            if deviation_in(calibration, environment, photograph) > MOST_UNCERTAIN:
+                continue
             found = pose_in(calibration, environment, photograph, PLACEMENT)
             apart = found[:3, :3] @ true[:3, :3].T
             rotation.append(np.linalg.norm(vector_from_rotation(apart)))

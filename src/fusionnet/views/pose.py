@@ -108,6 +108,36 @@ def grid_pose(
     return estimate_pose(corners, scaled, matrix) @ placement.pattern_from_board(scaled)
 
 
+def place_deviation(
+    corners: Float[np.ndarray, "n 2"],
+    board: Checkerboard,
+    matrix: Float[np.ndarray, "3 3"],
+    camera_from_pattern: Float[np.ndarray, "4 4"],
+) -> float:
+    """Standard deviation of the camera's place (metres), from how far its corners are off.
+
+    Args:
+        corners: Of the board in an undistorted picture, in pixels, in the order of its points.
+        board: The board; its points fix the scale.
+        matrix: Of the pinhole camera, in pixels.
+        camera_from_pattern: The pose that explains them best.
+
+    References:
+        Hartley and Zisserman (2004), Multiple view geometry, section 5.2: the covariance of a
+        least-squares estimate, carried on to the camera's centre.
+    """
+    rotation, shift = camera_from_pattern[:3, :3], camera_from_pattern[:3, 3]
+    turn = cv2.Rodrigues(rotation)[0]
+    seen, slopes = cv2.projectPoints(board.points, turn, shift, matrix, None)
+    slopes = slopes[:, :6]  # of a rotation vector and a translation
+    noise = ((seen.reshape(-1, 2) - corners) ** 2).sum() / (len(slopes) - 6)
+    # The centre is -R't: how it moves with the rotation vector (OpenCV gives dR, row by row).
+    by_turn = -np.einsum("kij,i->jk", cv2.Rodrigues(turn)[1].reshape(3, 3, 3), shift)
+    to_center = np.hstack([by_turn, -rotation.T])
+    covariance = to_center @ np.linalg.pinv(slopes.T @ slopes) @ to_center.T
+    return float(np.sqrt(noise * np.trace(covariance)))
+
+
 def facing(camera_from_board: Float[np.ndarray, "4 4"]) -> int:
     """Quarter turns that bring the grid's x axis to point away from the camera.
 
