@@ -123,6 +123,5 @@ EXPERIMENT = Experiment(
     ),
     figures=(Figure(y_label="executed success, share of episodes"),),
     caution="Where the joints err the second look sees the block in the hand, not the hand before "
-    "the grasp: an error of the grasp beyond the gate of 13 mm is not put right. Where blocks are "
-    "displaced most failures are layouts that were read wrong in the first look.",
+    "the grasp: an error of the grasp beyond the gate of 13 mm is not put right.",
 )

@@ -11,7 +11,7 @@ from fusionnet.models.retinanet import Sight
 EYE_WEIGHT = 0.5
 """Exponent on each of two eyes' probabilities: at 1/2 they are averaged, at 1 they count as
 independent witnesses. 1/2 fits validation groups best: a layout's cells have a cross-entropy of
-3.25 nats, with 3/4 of 3.90 (mean of three seeds of the experiment `eyes`)."""
+2.53 nats, with 3/4 of 3.03 (mean of five seeds of the experiment `eyes`)."""
 
 _LEAST = 1e-6
 
