@@ -26,7 +26,7 @@ class Clumsy(Policy):
         if self.calls == 2:
             raise PlanningError("There is no <green> cube here.")
         answer = super().__call__(image, sentence)
-        return dataclasses.replace(answer, place=answer.grasp, target=answer.source)
+        return dataclasses.replace(answer, place=answer.grasp, target_cell=answer.source_cell)
 
 
 @pytest.fixture(scope="module")

@@ -17,12 +17,6 @@ SENTENCE = "put the red pyramid on the blue cube"
 MOVE = Move(Cell(2, 2, 0), Cell(4, 4, 1), begins_held=False, ends_held=False)
 
 
-def pointing(cell: Cell) -> np.ndarray:
-    shares = np.full(512, 0.001)
-    shares[cell.index] = 1.0
-    return shares / shares.sum()
-
-
 @pytest.fixture(scope="module")
 def scene():
     return load_corpus("examples", None).commands[0].scene
@@ -36,16 +30,15 @@ def picture(scene):
 def test_the_check_lets_a_neighbouring_cell_pass_and_nothing_farther():
     assert FARTHEST == 1
     for shift, agrees in ((0, True), (1, True), (2, False)):
-        source = pointing(Cell(2 + shift, 2, 0))
-        said = disagreement(source, pointing(MOVE.target), MOVE, 1.0)
+        said = disagreement(Cell(2 + shift, 2, 0), MOVE.target, MOVE, 1.0)
         assert (said == "") is agrees
     assert "grasp at (4, 2, 0)" in said and "2 cells apart" in said
-    said = disagreement(pointing(MOVE.source), pointing(Cell(4, 4, 5)), MOVE, 1.0)
+    said = disagreement(MOVE.source, Cell(4, 4, 5), MOVE, 1.0)
     assert "place at (4, 4, 5)" in said and "4 cells apart" in said
 
 
 def test_the_check_wants_most_votes_for_one_move():
-    agreeing = pointing(MOVE.source), pointing(MOVE.target), MOVE
+    agreeing = MOVE.source, MOVE.target, MOVE
     assert disagreement(*agreeing, 0.9) == ""
     assert "only 30% of the layouts" in disagreement(*agreeing, 0.3)
 
@@ -56,12 +49,32 @@ def test_a_policy_that_checks_refuses_when_the_network_points_elsewhere(picture,
     right = policy.fusion.forward
 
     def wrong(*given):
-        fused = right(*given)
-        return replace(fused, target=pointing(Cell(0, 7, 7)))
+        return replace(right(*given), target_cell=Cell(0, 7, 7).index)
 
     monkeypatch.setattr(policy.fusion, "forward", wrong)
     with pytest.raises(DoubtError, match=r"would place at \(0, 7, 7\) and the planner at"):
         policy(picture, SENTENCE)
+
+
+def test_the_check_looks_at_the_cells_that_the_arm_goes_to(picture, monkeypatch):
+    """Not at the likeliest cell of either end alone, which another pair may hold."""
+    policy = load_policy("compact", check=True)
+    right = policy.fusion.forward
+    answer = policy(picture, SENTENCE)
+
+    def flat(*given):
+        return replace(right(*given), source=np.full(512, 1 / 512), target=np.full(512, 1 / 512))
+
+    monkeypatch.setattr(policy.fusion, "forward", flat)
+    again = policy(picture, SENTENCE)
+    assert (again.source_cell, again.target_cell) == (answer.source_cell, answer.target_cell)
+    assert again.source_cell == answer.move.source and again.target_cell == answer.move.target
+
+
+@pytest.mark.parametrize("wrong", [{"displaced": -5.0}, {"strength": float("nan")}])
+def test_disturbances_that_are_none_are_refused(wrong):
+    with pytest.raises(InputError, match="at least 0"):
+        evaluate(PolicyEvaluation(corpus="examples", split="test", episodes=1, **wrong))
 
 
 def test_run_with_check_says_why_it_does_not_move(monkeypatch, capsys):

@@ -151,3 +151,18 @@ def test_settings_that_cannot_train_are_refused():
         ScheduleConfig(warm_up=1.0)
     with pytest.raises(ValueError, match="weight_decay >= 0"):
         OptimizerConfig(weight_decay=-1.0)
+
+
+@pytest.mark.parametrize(
+    "wrong", [{"average": 2.0}, {"learning_rate": float("nan")}, {"clip": -1.0}, {"steps": 0}]
+)
+def test_numbers_that_cannot_train_are_refused(wrong):
+    with pytest.raises(InputError, match="0 <= average < 1"):
+        LoopConfig(**{"steps": 1, **wrong})
+
+
+@pytest.mark.parametrize("wrong", [{"accelerator": "banana"}, {"precision": "foo"}])
+def test_devices_that_are_not_there_are_refused_in_one_line(wrong):
+    model = torch.nn.Linear(1, 1)
+    with pytest.raises(InputError, match="Training cannot run with the accelerator"):
+        fit(model, lambda first: iter(()), lambda *_: {}, LoopConfig(steps=1, **wrong))

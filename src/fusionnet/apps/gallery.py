@@ -118,9 +118,8 @@ def _card(watched: Watched) -> str:
         ("asked for", f"{_cell(watched.wanted.source)} to {_cell(watched.wanted.target)}"),
     ]
     if answer is not None:
-        pointed = [Cell.from_index(int(cells.argmax())) for cells in (answer.source, answer.target)]
         facts += [
-            ("pointed at", f"{_cell(pointed[0])} to {_cell(pointed[1])}"),
+            ("pointed at", f"{_cell(answer.source_cell)} to {_cell(answer.target_cell)}"),
             ("understood", rcl.describe(answer.tree)),
             ("confidence", f"{answer.confidence:.0%}; the planner's vote {answer.agreement:.0%}"),
             (

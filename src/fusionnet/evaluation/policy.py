@@ -175,10 +175,17 @@ def evaluate(
         watch: Called with every episode.
 
     Raises:
-        InputError: If no episodes are asked for, or the part has no commands.
+        InputError: If no episodes are asked for, a disturbance is negative, or the part has no
+            commands.
     """
     if config.episodes < 1:
         raise InputError(f"At least one episode is needed; received {config.episodes}.")
+    disturbances = (config.displaced, config.joint_noise, config.strength)
+    if not (np.isfinite(disturbances).all() and min(disturbances) >= 0.0):
+        raise InputError(
+            "displaced, joint_noise and strength are numbers of at least 0; received "
+            f"{', '.join(map(str, disturbances))}."
+        )
     commands = load_corpus(config.corpus, config.data).split(config.split)
     if not commands:
         raise InputError(f"The corpus {config.corpus!r} has no commands in {config.split!r}.")
@@ -289,8 +296,7 @@ def _blame(answer: Answer, wanted: Move, before: Layout, after: Layout) -> Outco
     """Which part made a failed episode fail."""
     if not _reaches(answer.tree, before, after):
         return "read wrong"
-    pointed = (int(answer.source.argmax()), int(answer.target.argmax()))
-    if pointed == (wanted.source.index, wanted.target.index):
+    if (answer.source_cell, answer.target_cell) == (wanted.source, wanted.target):
         return "slipped"
     elected = (answer.move.source, answer.move.target)
     return "saw wrong" if elected != (wanted.source, wanted.target) else "pointed wrong"

@@ -60,6 +60,8 @@ class Answer:
         tree: The reading that was acted on.
         source: Probability of each cell to be grasped at.
         target: Probability of each cell to be placed at.
+        source_cell: Where it is grasped: together with `target_cell` the likeliest pair.
+        target_cell: Where it is placed.
         move: The move that the planner's vote elected.
         agreement: Share of the votes for that move.
         confidence: Of the policy that answers, in its grasp and place cells together.
@@ -77,6 +79,8 @@ class Answer:
     tree: Tree
     source: Float[np.ndarray, "512"]
     target: Float[np.ndarray, "512"]
+    source_cell: Cell
+    target_cell: Cell
     move: Move
     agreement: float
     confidence: float
@@ -115,6 +119,8 @@ class Answer:
                 for r in self.readings
             ],
             "tree": format_tree(self.tree),
+            "source_cell": list(self.source_cell),
+            "target_cell": list(self.target_cell),
             "source_cells": _likely_cells(self.source),
             "target_cells": _likely_cells(self.target),
             "symbolic_move": {

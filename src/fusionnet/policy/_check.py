@@ -1,8 +1,5 @@
 """The check before a move: do the neural and the symbolic answer agree?"""
 
-import numpy as np
-from jaxtyping import Float
-
 from fusionnet.blocks import Cell, Move
 from fusionnet.errors import DoubtError
 
@@ -13,25 +10,19 @@ LEAST_AGREEMENT = 0.6
 """Share of the planner's votes that the elected move must have, chosen on validation scenes."""
 
 
-def disagreement(
-    source: Float[np.ndarray, "512"],
-    target: Float[np.ndarray, "512"],
-    move: Move,
-    agreement: float,
-) -> str:
+def disagreement(source: Cell, target: Cell, move: Move, agreement: float) -> str:
     """Why not to move, as a clause; empty if there is no reason.
 
     Args:
-        source: FusionNet's probability of each cell to be grasped at.
-        target: Its probability of each cell to be placed at.
+        source: The cell that FusionNet grasps at.
+        target: The cell that it places at.
         move: The move that the planner's vote elected.
         agreement: Share of the votes for it.
     """
-    for verb, pointed, elected in (
+    for verb, cell, elected in (
         ("grasp", source, move.source),
         ("place", target, move.target),
     ):
-        cell = Cell.from_index(int(pointed.argmax()))
         apart = max(abs(a - b) for a, b in zip(cell, elected, strict=True))
         if apart > FARTHEST:
             return (
@@ -46,12 +37,7 @@ def disagreement(
     return ""
 
 
-def refuse_doubtful(
-    source: Float[np.ndarray, "512"],
-    target: Float[np.ndarray, "512"],
-    move: Move,
-    agreement: float,
-) -> None:
+def refuse_doubtful(source: Cell, target: Cell, move: Move, agreement: float) -> None:
     """Raise if there is a reason not to move.
 
     Raises:

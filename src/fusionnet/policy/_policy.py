@@ -17,6 +17,7 @@ from typing import Literal, get_args
 import numpy as np
 from jaxtyping import Float, UInt8
 
+from fusionnet.blocks import Cell
 from fusionnet.blocks.voting import Vote, likely_layout, vote
 from fusionnet.catalogue import did_you_mean
 from fusionnet.errors import InputError, PlanningError, UnknownNameError
@@ -122,8 +123,9 @@ class Policy:
             )
         if elected.move is None:
             raise PlanningError(elected.refusal)
+        pointed = Cell.from_index(fused.source_cell), Cell.from_index(fused.target_cell)
         if self.check:
-            refuse_doubtful(fused.source, fused.target, elected.move, elected.share)
+            refuse_doubtful(*pointed, elected.move, elected.share)
         symbolic = self.kind == "symbolic"
         source = _cell_shares(elected, "source") if symbolic else fused.source
         target = _cell_shares(elected, "target") if symbolic else fused.target
@@ -140,6 +142,8 @@ class Policy:
             tree=elected.tree if symbolic else readings[fused.reading].tree,
             source=source,
             target=target,
+            source_cell=elected.move.source if symbolic else pointed[0],
+            target_cell=elected.move.target if symbolic else pointed[1],
             move=elected.move,
             agreement=elected.share,
             confidence=elected.share if symbolic else fused.confidence,

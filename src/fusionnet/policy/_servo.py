@@ -14,7 +14,7 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Float
 
-from fusionnet.blocks import BLOCK_SIZE, Cell
+from fusionnet.blocks import BLOCK_SIZE
 from fusionnet.policy._answer import Answer
 from fusionnet.policy._placing import STANDS_BESIDE, block_shift
 from fusionnet.policy._policy import Policy
@@ -38,8 +38,7 @@ class Servo:
 
     def __init__(self, policy: Policy, answer: Answer) -> None:
         self.policy = policy
-        self.source = Cell.from_index(int(answer.source.argmax()))
-        self.target = Cell.from_index(int(answer.target.argmax()))
+        self.source, self.target = answer.source_cell, answer.target_cell
         self.kind = int(answer.cells[tuple(self.source)][:-1].argmax())
         self.board_from_robot = policy.robot.robot_from_board[:3, :3].T
         jacobian = ArmKinematics(policy.robot).jacobian(np.asarray(answer.place.joint_angles))[:3]

@@ -13,8 +13,10 @@ from itertools import islice
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import torch
 from lightning.fabric import Fabric
+from lightning.fabric.utilities.exceptions import MisconfigurationException
 
 from fusionnet.errors import InputError
 from fusionnet.randomness import derived_seed
@@ -80,10 +82,12 @@ class LoopConfig:
     def __post_init__(self) -> None:
         """Refuse values that cannot train."""
         counts = (self.steps, self.devices, self.log_every, self.save_every)
-        if min(counts) < 1 or self.learning_rate <= 0 or self.clip < 0:
+        rates = (self.learning_rate, self.clip, self.average)
+        fits = np.isfinite(rates).all() and self.learning_rate > 0 and 0 <= self.average < 1
+        if min(counts) < 1 or not fits or self.clip < 0:
             raise InputError(
-                "steps, devices, log_every and save_every >= 1, learning_rate > 0, clip >= 0; "
-                f"got {self}"
+                "steps, devices, log_every and save_every >= 1, learning_rate > 0, clip >= 0, "
+                f"0 <= average < 1; got {self}"
             )
 
 
@@ -111,15 +115,22 @@ def fit(
         One dictionary a log line: step, seconds, learning rate, mean of every loss.
 
     Raises:
+        InputError: If there is no such device or precision here.
         CheckpointError: If the state in `folder` is damaged, or of another model.
     """
     # A parameter need not take part in every batch: a relation that no sentence speaks of.
-    fabric = Fabric(
-        accelerator=config.accelerator,
-        strategy="ddp_find_unused_parameters_true" if config.devices > 1 else "auto",
-        devices=config.devices,
-        precision=precision_of(config),  # type: ignore[arg-type]
-    )
+    try:
+        fabric = Fabric(
+            accelerator=config.accelerator,
+            strategy="ddp_find_unused_parameters_true" if config.devices > 1 else "auto",
+            devices=config.devices,
+            precision=precision_of(config),  # type: ignore[arg-type]
+        )
+    except (ValueError, RuntimeError, MisconfigurationException) as error:
+        raise InputError(
+            f"Training cannot run with the accelerator {config.accelerator!r}, {config.devices} "
+            f"devices and the precision {config.precision!r}: {error}"
+        ) from None
     fabric.launch()
     if config.channels_last:
         model.to(memory_format=torch.channels_last)
