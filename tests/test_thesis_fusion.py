@@ -11,6 +11,7 @@ import torch
 from fusionnet.dataset.build import build, plan_for
 from fusionnet.dataset.sources import Sources
 from fusionnet.errors import CheckpointError, InputError
+from fusionnet.models import heads
 from fusionnet.models.hub import checkpoint_folder
 from fusionnet.models.thesis_fusionnet import ThesisFusionNet
 from fusionnet.training import thesis_fusion
@@ -69,7 +70,8 @@ def test_the_recipe_is_that_of_tables_7_1_to_7_3():
     assert sizes.backbone == "resnet152" and sizes.input_size == (990, 540)
     assert (sizes.nodes, sizes.longest, sizes.layers, sizes.heads) == (4, 200, 4, 4)
     assert (sizes.embedding_size, sizes.attention_size, sizes.feed_forward_size) == (50, 12, 256)
-    assert dict(loop.loss_weights) == dict.fromkeys(("boxes", "classes", "tree", "joints"), 1.0)
+    assert set(recipe.outputs) == {"boxes", "classes", "tree", "joints"}
+    assert {loop.loss_weights[name] for name in recipe.outputs} == {1.0}
 
 
 def test_training_writes_a_checkpoint_that_answers_alike_and_a_card(config):
@@ -230,3 +232,7 @@ def test_exact_joints_land_the_block_and_wrong_ones_do_not(config):
     assert not executed("nico", sample, joints + 1.0, 0)
     off = degrees(joints[None] + np.pi / 180, joints[None])
     assert off["grasp_error_degrees"] == pytest.approx(1)
+
+
+def test_every_head_in_the_catalogue_can_be_weighted_from_the_command_line():
+    assert set(thesis_loop().loss_weights) == set(heads.names())

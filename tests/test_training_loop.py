@@ -1,4 +1,6 @@
 import json
+from dataclasses import dataclass, replace
+from pathlib import Path
 
 import pytest
 import torch
@@ -166,3 +168,28 @@ def test_devices_that_are_not_there_are_refused_in_one_line(wrong):
     model = torch.nn.Linear(1, 1)
     with pytest.raises(InputError, match="Training cannot run with the accelerator"):
         fit(model, lambda first: iter(()), lambda *_: {}, LoopConfig(steps=1, **wrong))
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Run:
+    loop: LoopConfig
+    batch: int = 4
+    work: Path = Path("here")
+
+
+def test_a_state_is_not_resumed_under_other_settings(tmp_path):
+    config = _config(steps=2, save_every=1)
+    fit(_model(), _batches, _losses, config, folder=tmp_path, settings=_Run(loop=config))
+    longer = replace(config, steps=3)
+    lines = fit(
+        _model(),
+        _batches,
+        _losses,
+        longer,
+        folder=tmp_path,
+        settings=_Run(loop=longer, work=tmp_path),
+    )
+    assert [line["step"] for line in lines] == [3]
+    for other in (_Run(loop=longer, batch=5), _Run(loop=replace(longer, clip=0.5))):
+        with pytest.raises(CheckpointError, match=r"(batch|loop\.clip) .*another folder"):
+            fit(_model(), _batches, _losses, other.loop, folder=tmp_path, settings=other)

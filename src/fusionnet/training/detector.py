@@ -136,6 +136,7 @@ def train(config: DetectorConfig, *, progress: Progress | None = None) -> dict[s
         lambda wrapped, batch: detector_losses(wrapped, model, batch),
         config.loop,
         folder=config.work,
+        settings=config,
         progress=progress,
     )
     if not is_first_process():

@@ -157,7 +157,15 @@ def train(
         for step in count(first):  # several devices share them: more than steps
             yield draw_batch(examples, outputs, config, step)
 
-    fit(model, batches, _losses, config.loop, folder=config.work, progress=progress)
+    fit(
+        model,
+        batches,
+        _losses,
+        config.loop,
+        folder=config.work,
+        settings=config,
+        progress=progress,
+    )
     if not is_first_process():
         return {}
     metrics = evaluate_cells(model, {p: corpus.split(p) for p in ("val", "test")}, config.seed)

@@ -24,7 +24,7 @@ from fusionnet.training import weightings
 from fusionnet.training.journal import Journal, LogLine
 from fusionnet.training.optimizers import OptimizerConfig, new_optimizer
 from fusionnet.training.schedules import Schedule, ScheduleConfig
-from fusionnet.training.state import load_state, save_state
+from fusionnet.training.state import check_settings, load_state, save_state, settings_of
 from fusionnet.training.weightings import GradientWeighting, Weighting
 
 log = logging.getLogger(__name__)
@@ -98,6 +98,7 @@ def fit(
     config: LoopConfig,
     *,
     folder: Path | None = None,
+    settings: Any = None,
     progress: Progress | None = None,
 ) -> list[LogLine]:
     """Train a model in place and return the lines of its log.
@@ -109,6 +110,8 @@ def fit(
         losses: The model and a batch to named scalar losses.
         config: How to train.
         folder: Where the log and the resumable state go; a state found there is resumed.
+        settings: The run's configuration, a dataclass, so that a state is not resumed under
+            another; how long it goes on, where and what it logs may change.
         progress: Called after every step with step, steps and the latest log line.
 
     Returns:
@@ -116,7 +119,7 @@ def fit(
 
     Raises:
         InputError: If there is no such device or precision here.
-        CheckpointError: If the state in `folder` is damaged, or of another model.
+        CheckpointError: If the state in `folder` is damaged, or of another model or run.
     """
     # A parameter need not take part in every batch: a relation that no sentence speaks of.
     try:
@@ -142,6 +145,8 @@ def fit(
     schedule = Schedule(config.schedule, peak=config.learning_rate, steps=config.steps)
     average = {n: p.detach().clone() for n, p in model.named_parameters()} if config.average else {}
     first, memory = load_state(folder, model, optimizer, average)
+    told = settings_of(settings)
+    check_settings(folder, told, memory.get("settings", told))
     if first:
         log.info("resumed from step %d", first)
     if "schedule" in memory:
@@ -195,6 +200,7 @@ def fit(
             if written is not None and (step + 1) % config.save_every == 0:
                 seconds = round(time.monotonic() - began, 2)
                 memory = {"sums": sums, "counted": counted, "seconds": seconds}
+                memory["settings"] = told
                 memory["schedule"] = schedule.state()
                 memory["weighting"] = {n: t.tolist() for n, t in weighting.state_dict().items()}
                 save_state(written, step + 1, model, optimizer, average, memory)

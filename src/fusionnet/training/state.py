@@ -7,6 +7,7 @@ file's header) the step and the few numbers that the loop remembers between step
 import json
 import os
 from collections.abc import Mapping
+from dataclasses import fields, is_dataclass
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +18,9 @@ from safetensors.torch import save_file
 from fusionnet.errors import CheckpointError
 
 STATE_FILE = "state.safetensors"
+
+_FREE = {"steps", "log_every", "save_every", "tensorboard", "accelerator", "threads"}
+"""Settings that a run may be gone on with differently."""
 
 
 def save_state(
@@ -90,6 +94,49 @@ def load_state(
         if moments:
             optimizer.state[parameter] = moments
     return step, memory
+
+
+def settings_of(config: Any) -> dict[str, Any]:
+    """What a run must share with the one that it goes on with, as JSON values by dotted names.
+
+    Paths are left out, and what may change: how long it goes on, where, and what it logs.
+
+    Args:
+        config: A dataclass; None for nothing.
+    """
+    if config is None:
+        return {}
+    found: dict[str, Any] = {}
+    for field in fields(config):
+        value = getattr(config, field.name)
+        if is_dataclass(value):
+            found |= {f"{field.name}.{name}": v for name, v in settings_of(value).items()}
+        elif field.name not in _FREE and not _is_path(value):
+            found[field.name] = json.loads(json.dumps(value, default=str))
+    return found
+
+
+def check_settings(
+    folder: Path | None, settings: Mapping[str, Any], stored: Mapping[str, Any]
+) -> None:
+    """Refuse to go on with a run of other settings.
+
+    Raises:
+        CheckpointError: If one differs; the message names it.
+    """
+    for name in sorted(settings.keys() | stored.keys()):
+        if settings.get(name) != stored.get(name):
+            raise CheckpointError(
+                f"{folder} holds a run with {name} {stored.get(name)!r}, not "
+                f"{settings.get(name)!r}. Go on with the same, name another folder (--work), or "
+                f"remove its {STATE_FILE}."
+            )
+
+
+def _is_path(value: Any) -> bool:
+    return isinstance(value, Path) or (
+        isinstance(value, tuple) and any(isinstance(each, Path) for each in value)
+    )
 
 
 def _parameters(optimizer: torch.optim.Optimizer) -> list[torch.nn.Parameter]:

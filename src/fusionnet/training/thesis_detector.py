@@ -129,6 +129,7 @@ def train(config: ThesisDetectorConfig, *, progress: Progress | None = None) -> 
         box_losses,
         replace(config.loop, seed=config.seed),
         folder=config.work,
+        settings=config,
         progress=progress,
     )
     if not is_first_process():

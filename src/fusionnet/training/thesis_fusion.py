@@ -95,6 +95,7 @@ def run(
         lambda network, batch: cast(Any, network).losses(batch),
         loop,
         folder=config.work,
+        settings=config,
         progress=progress,
     )
     if not is_first_process():

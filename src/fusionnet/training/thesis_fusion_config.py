@@ -7,7 +7,7 @@ from typing import Literal
 import tyro
 
 from fusionnet.errors import InputError
-from fusionnet.models import backbones
+from fusionnet.models import backbones, heads
 from fusionnet.models.anchors import AnchorShapes, thesis_anchors
 from fusionnet.models.target_text import Writes
 from fusionnet.models.thesis_fusion_config import THESIS_HEADS
@@ -17,7 +17,7 @@ from fusionnet.training.schedules import ScheduleConfig
 
 
 def thesis_loop() -> LoopConfig:
-    """Adam and the plateau of table 7.3; the four losses with the factor 1 (7.1)."""
+    """Adam and the plateau of table 7.3; the losses of all heads with the factor 1 (7.1)."""
     return LoopConfig(
         steps=32_000,
         learning_rate=1e-5,
@@ -28,7 +28,7 @@ def thesis_loop() -> LoopConfig:
             kind="adam", beta_1=0.9, beta_2=0.999, epsilon=1e-9, weight_decay=0.0
         ),
         clip=10.0,
-        loss_weights=dict.fromkeys(THESIS_HEADS, 1.0),
+        loss_weights=dict.fromkeys(heads.names(), 1.0),
         accelerator="auto",
         log_every=100,
         save_every=1000,

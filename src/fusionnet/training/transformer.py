@@ -197,6 +197,7 @@ def learn(
         transformer_losses,
         replace(config.loop, learning_rate=rate, seed=config.seed),
         folder=folder,
+        settings=config,
         progress=progress,
     )
     translator.network.cpu()

@@ -146,6 +146,7 @@ def train(config: TranslatorConfig, *, progress: Progress | None = None) -> dict
         lambda wrapped, batch: translator_losses(wrapped, batch, config.smoothing),
         replace(config.loop, seed=config.seed),
         folder=config.work,
+        settings=config,
         progress=progress,
     )
     if not is_first_process():
