@@ -174,6 +174,7 @@ def test_devices_that_are_not_there_are_refused_in_one_line(wrong):
 class _Run:
     loop: LoopConfig
     batch: int = 4
+    data: Path | None = None
     work: Path = Path("here")
 
 
@@ -190,6 +191,11 @@ def test_a_state_is_not_resumed_under_other_settings(tmp_path):
         settings=_Run(loop=longer, work=tmp_path),
     )
     assert [line["step"] for line in lines] == [3]
-    for other in (_Run(loop=longer, batch=5), _Run(loop=replace(longer, clip=0.5))):
-        with pytest.raises(CheckpointError, match=r"(batch|loop\.clip) .*another folder"):
+    others = {
+        "batch": _Run(loop=longer, batch=5),
+        "data": _Run(loop=longer, data=tmp_path),
+        "loop.clip": _Run(loop=replace(longer, clip=0.5)),
+    }
+    for name, other in others.items():
+        with pytest.raises(CheckpointError, match=f"a run with {name} .*another folder"):
             fit(_model(), _batches, _losses, other.loop, folder=tmp_path, settings=other)

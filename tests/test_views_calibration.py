@@ -45,6 +45,7 @@ from fusionnet.views.rooms import (
     lens_of,
     looking_at,
 )
+from view_commands import import_command
 
 SIZE = (480, 270)
 MIDDLE = np.array([0.105, 0.105, 0.0])
@@ -258,17 +259,7 @@ def test_calibrate_import_and_show_from_the_command_line(room, tmp_path, capsys)
         == printed["environments"]["mine"]["photographs_used"]
     )
     out = tmp_path / "views"
-    arguments = [
-        "views",
-        "import",
-        str(folder),
-        "--out",
-        str(out),
-        "--most",
-        "3",
-        "--uncertain",
-        "5",
-    ]
+    arguments = import_command(folder, out, "--most", "3")
     assert main([*arguments, "--validation", "1"]) == 0
     assert [view.part for view in load_views(out)].count("val") == 1
     assert main(["views", "show", str(out), "--out", str(tmp_path / "mesh.png")]) == 0

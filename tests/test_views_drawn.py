@@ -35,6 +35,11 @@ def test_the_whole_grid_is_in_every_view_and_cameras_stand_everywhere():
     assert (np.histogram2d(sides[:, 0] > 0, sides[:, 1] > 0, bins=2)[0] >= 5).all()
 
 
+@pytest.mark.parametrize("size", [(32, 640), (640, 32), (32, 32)])
+def test_pictures_of_any_shape_show_the_whole_grid(size):
+    check_view(drawn_view(generator(0, "shape"), size))
+
+
 def test_the_board_lies_where_the_pose_says(monkeypatch):
     """Corners of squares under the grid's cells are found where they are projected."""
     monkeypatch.setattr(module, "_clutter", lambda *_: None)

@@ -15,6 +15,7 @@ from fusionnet.views import load_views
 from fusionnet.views.checkerboard import SEARCHED
 from fusionnet.views.photographing import photograph_rooms
 from fusionnet.views.rooms import BOARD, ROOMS
+from view_commands import import_command
 
 SIZE = (480, 270)
 
@@ -29,22 +30,7 @@ def room(tmp_path_factory):
 def calibrated(room, tmp_path_factory):
     """What `views import` made of that room."""
     out = tmp_path_factory.mktemp("calibrated") / "views"
-    assert (
-        main(
-            [
-                "views",
-                "import",
-                str(room),
-                "--out",
-                str(out),
-                "--validation",
-                "0",
-                "--uncertain",
-                "5",
-            ]
-        )
-        == 0
-    )
+    assert main(import_command(room, out, "--validation", "0")) == 0
     return out
 
 
@@ -62,17 +48,7 @@ def test_one_photograph_is_enough_with_a_calibration(room, calibrated, tmp_path,
     folder.mkdir()
     shutil.copy(room / "view-1.jpg", folder)
     out = tmp_path / "views"
-    arguments = [
-        "views",
-        "import",
-        str(folder),
-        "--out",
-        str(out),
-        "--validation",
-        "0",
-        "--uncertain",
-        "5",
-    ]
+    arguments = import_command(folder, out, "--validation", "0")
     assert "at least 3 are needed" in refused(arguments, capsys)
     assert main([*arguments, "--calibration", str(calibrated)]) == 0
     (view,) = load_views(out)
@@ -117,17 +93,7 @@ def test_a_calibration_that_does_not_fit_is_refused(wrong, room, calibrated, tmp
         "size": "those of the calibration",
         "unnamed": "its own are kitchen, office",
     }[wrong]
-    arguments = [
-        "views",
-        "import",
-        str(folder),
-        "--out",
-        str(out),
-        "--calibration",
-        str(source),
-        "--uncertain",
-        "5",
-    ]
+    arguments = import_command(folder, out, "--calibration", str(source))
     assert message in refused([*arguments, "--validation", "0"], capsys)
     assert not out.exists()
 
@@ -141,7 +107,7 @@ def test_photographs_without_the_whole_grid_become_no_views(room, calibrated, tm
     folder.mkdir()
     shutil.copy(room / near[0], folder)
     out = tmp_path / "views"
-    arguments = ["views", "import", str(folder), "--out", str(out), "--uncertain", "5"]
+    arguments = import_command(folder, out)
     error = refused([*arguments, "--validation", "0", "--calibration", str(calibrated)], capsys)
     assert "leaves the picture" in error and not out.exists()
 

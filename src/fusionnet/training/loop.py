@@ -122,12 +122,13 @@ def fit(
         CheckpointError: If the state in `folder` is damaged, or of another model or run.
     """
     # A parameter need not take part in every batch: a relation that no sentence speaks of.
+    precision: Any = precision_of(config)  # Fabric itself knows which names there are
     try:
         fabric = Fabric(
             accelerator=config.accelerator,
             strategy="ddp_find_unused_parameters_true" if config.devices > 1 else "auto",
             devices=config.devices,
-            precision=precision_of(config),  # type: ignore[arg-type]
+            precision=precision,
         )
     except (ValueError, RuntimeError, MisconfigurationException) as error:
         raise InputError(

@@ -19,7 +19,7 @@ from fusionnet.errors import CheckpointError
 
 STATE_FILE = "state.safetensors"
 
-_FREE = {"steps", "log_every", "save_every", "tensorboard", "accelerator", "threads"}
+_FREE = {"out", "work", "steps", "log_every", "save_every", "tensorboard", "accelerator", "threads"}
 """Settings that a run may be gone on with differently."""
 
 
@@ -99,7 +99,7 @@ def load_state(
 def settings_of(config: Any) -> dict[str, Any]:
     """What a run must share with the one that it goes on with, as JSON values by dotted names.
 
-    Paths are left out, and what may change: how long it goes on, where, and what it logs.
+    What may change is left out: how long it goes on, where it is kept, and what it logs.
 
     Args:
         config: A dataclass; None for nothing.
@@ -111,8 +111,8 @@ def settings_of(config: Any) -> dict[str, Any]:
         value = getattr(config, field.name)
         if is_dataclass(value):
             found |= {f"{field.name}.{name}": v for name, v in settings_of(value).items()}
-        elif field.name not in _FREE and not _is_path(value):
-            found[field.name] = json.loads(json.dumps(value, default=str))
+        elif field.name not in _FREE:
+            found[field.name] = json.loads(json.dumps(value, default=_absolute))
     return found
 
 
@@ -133,10 +133,8 @@ def check_settings(
             )
 
 
-def _is_path(value: Any) -> bool:
-    return isinstance(value, Path) or (
-        isinstance(value, tuple) and any(isinstance(each, Path) for each in value)
-    )
+def _absolute(path: Path) -> str:
+    return str(path.resolve())
 
 
 def _parameters(optimizer: torch.optim.Optimizer) -> list[torch.nn.Parameter]:

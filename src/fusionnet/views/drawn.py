@@ -108,9 +108,9 @@ def _camera(
 ) -> tuple[Float[np.ndarray, "3 3"], Float[np.ndarray, "4 4"]]:
     """Intrinsics, and a pose from any side, from flat to steep, near to far, somewhat rolled."""
     width, height = size
-    focal = width * rng.uniform(0.6, 1.6)
+    focal = max(size) * rng.uniform(0.6, 1.6)
     matrix = np.array([[focal, 0, (width - 1) / 2], [0, focal, (height - 1) / 2], [0, 0, 1]])
-    distance = 2 * _REACH * focal / (height * rng.uniform(0.4, 1.3))
+    distance = 2 * _REACH * focal / (min(size) * rng.uniform(0.4, 1.3))
     elevation, azimuth = np.radians(rng.uniform(12, 89)), rng.uniform(0, 2 * np.pi)
     flat = np.cos(elevation)
     back = np.array([flat * np.cos(azimuth), flat * np.sin(azimuth), np.sin(elevation)])
