@@ -153,6 +153,20 @@ def test_views_are_made_of_a_room_and_three_are_kept_for_validation(room, calibr
         set_aside(few, 3)
 
 
+def test_a_board_that_was_found_wrongly_does_not_bend_the_lens(room, calibration):
+    environment = find_boards(room, BOARD)
+    found = environment.usable[3]
+    noise = generator(0, "wrong board").normal(0.0, 6.0, found.corners.shape)
+    wrong = replace(found, corners=found.corners + noise)
+    others = tuple(p for p in environment.photographs if p is not found)
+    again = calibrate([replace(environment, photographs=(*others, wrong))], BOARD)
+    assert [p.name for p in again.left_out if "wrongly found" in p.reason] == [found.name]
+    (lens,), (clean,) = (
+        [e.lens.matrix[0, 0] for e in each.environments] for each in (again, calibration)
+    )
+    assert lens == pytest.approx(clean, rel=0.01)
+
+
 def test_photographs_that_hardly_tell_where_the_camera_stands_become_no_views(calibration):
     """The room's are small, so that their corners are inexact."""
     imported = import_views(calibration)

@@ -35,6 +35,10 @@ _FISHEYE = (
 _UNDISTORTED = cv2.CALIB_ZERO_TANGENT_DIST + cv2.CALIB_FIX_K1 + cv2.CALIB_FIX_K2 + cv2.CALIB_FIX_K3
 
 
+WRONG = 1.0
+"""Reprojection error (pixels) up to which no photograph is taken for a wrongly found board."""
+
+
 @dataclass(frozen=True, eq=False)
 class CalibratedEnvironment:
     """What the first stage found for one environment.
@@ -134,7 +138,7 @@ def _check(environments: Sequence[Environment]) -> None:
 
 
 def _rejected(photograph: Photograph) -> Photograph:
-    reason = "its corners fit no fisheye lens (too slanted or too near the edge)"
+    reason = "its corners fit no fisheye lens (wrongly found, too slanted or too near the edge)"
     return Photograph(photograph.file, photograph.environment, photograph.corners, reason)
 
 
@@ -144,7 +148,8 @@ def _fisheye(
     """Stage one: a lens, the photographs it rests on, and their errors (pixels).
 
     OpenCV refuses photographs whose extrinsics are ill conditioned and names the first; it is
-    left out and the rest calibrated again.
+    left out and the rest calibrated again. So is a photograph that fits much worse than the
+    others: one board that was found wrongly would bend the lens of all.
     """
     used = environment.usable
     width, height = environment.size
@@ -176,7 +181,10 @@ def _fisheye(
             )
             for turn, shift, seen in zip(turns, shifts, corners, strict=True)
         ]
-        return lens, used, np.array(errors)
+        worst = int(np.argmax(errors))
+        if errors[worst] <= max(WRONG, 5 * float(np.median(errors))):
+            return lens, used, np.array(errors)
+        used = used[:worst] + used[worst + 1 :]
     raise InputError(
         f"The photographs of {environment.name} do not determine a fisheye lens; take at least "
         "three, better 20 to 60, with the board tilted, near and far, and in every corner."
