@@ -20,14 +20,14 @@ SMALL_RATE = 3e-3
 SMALL_TREES = "the tree's values (about 9 tokens) in place of its text, which is learnt in minutes"
 
 
-def loop_of(scale: Scale, steps: int, seed: int) -> LoopConfig:
+def loop_of(scale: Scale, steps: int, seed: int, rate: float = SMALL_RATE) -> LoopConfig:
     """The thesis's optimiser; its schedule only where there are steps enough for it."""
     loop = replace(thesis_loop(), steps=steps, seed=seed, tensorboard=False)
     if scale == "thesis":
         return loop
     return replace(
         loop,
-        learning_rate=SMALL_RATE,
+        learning_rate=rate,
         schedule=ScheduleConfig(kind="one-cycle"),
         accelerator="cpu",
         log_every=max(1, steps // 20),
@@ -36,7 +36,11 @@ def loop_of(scale: Scale, steps: int, seed: int) -> LoopConfig:
 
 
 def trained(
-    trial: Trial, sizes: Mapping[str, Any], steps: int, learnt: int = 0
+    trial: Trial,
+    sizes: Mapping[str, Any],
+    steps: int,
+    learnt: int = 0,
+    rate: float = SMALL_RATE,
 ) -> tuple[Transformer, list[Command], Outcome]:
     """A Transformer of some sizes, the validation commands, and what was measured of both.
 
@@ -45,12 +49,13 @@ def trained(
         sizes: Fields of `ThesisTranslatorConfig`.
         steps: Optimiser steps.
         learnt: How many commands of the training groups, evenly spread; 0 for all.
+        rate: Peak of the learning rate at the smaller scales.
     """
     torch.set_num_threads(1)
     corpus = corpus_for(trial)
     config = ThesisTranslatorConfig(
         writes="rcl" if trial.scale == "thesis" else "short",
-        loop=loop_of(trial.scale, steps, trial.seed),
+        loop=loop_of(trial.scale, steps, trial.seed, rate),
         seed=trial.seed,
         **sizes,
     )

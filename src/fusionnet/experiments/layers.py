@@ -20,10 +20,10 @@ BEST = {"layers": 4, "heads": 4, "attention_size": 12, "feed_forward_size": 256}
 OTHERS: dict[Scale, dict[str, tuple[int, ...]]] = {
     "smoke": {"layers": (1,)},
     "small": {
-        "layers": (2, 6),
+        "layers": (2, 6, 10),
         "heads": (2, 8),
-        "attention_size": (128,),
-        "feed_forward_size": (1024,),
+        "attention_size": (32, 128),
+        "feed_forward_size": (128, 1024),
     },
     "thesis": {
         "layers": (2, 6, 8, 10),
@@ -41,6 +41,8 @@ LABELS = {
 STEPS: dict[Scale, int] = {"smoke": 2, "small": 2000, "thesis": 16_000}
 BATCH: dict[Scale, int] = {"smoke": 4, "small": 16, "thesis": 5}
 VECTOR_EPOCHS: dict[Scale, int] = {"smoke": 1, "small": 5, "thesis": 200}
+RATE = 1e-3
+"""Peak of the one-cycle at the smaller scales: from 3e-3 six layers diverge."""
 
 
 def variants(scale: Scale) -> list[Variant]:
@@ -64,7 +66,7 @@ def run(trial: Trial) -> Outcome:
     scale = trial.scale
     sizes: dict[str, Any] = {name: trial.variant.values[name] for name in BEST}
     sizes |= {"batch": BATCH[scale], "vector_epochs": VECTOR_EPOCHS[scale], "dropout": 0.1}
-    return trained(trial, sizes, STEPS[scale])[2]
+    return trained(trial, sizes, STEPS[scale], rate=RATE)[2]
 
 
 def _best(than: str, says: str) -> Claim:
@@ -82,8 +84,9 @@ EXPERIMENT = Experiment(
     differs={
         "smoke": "Commands of our own, 2 steps: it shows only that it runs.",
         "small": f"Treebank, {SMALL_TREES}; 2,000 steps of 16 sequences with a one-cycle schedule, "
-        "word vectors of 5 epochs; one number at a time varied, N_m from 2, d_a and d_ff at two "
-        "sizes. Not converged: it tells which set-up learns fastest, not where they end.",
+        "word vectors of 5 epochs; one number at a time varied, without "
+        "the widest d_a and d_ff. Not converged: it tells which set-up learns fastest, not where "
+        "they end.",
         "thesis": "Treebank in place of the ETR data; one number at a time varied around the "
         "thesis's best, in place of combinations that the thesis does not list; N_m of 2 as well.",
     },
@@ -91,7 +94,7 @@ EXPERIMENT = Experiment(
     lower_is_better=True,
     variants=variants,
     run=run,
-    seeds={"smoke": 1, "small": 3, "thesis": 5},
+    seeds={"smoke": 1, "small": 5, "thesis": 5},
     published=(
         Published(
             variant="best", metric="cross_entropy", mean=0.076, deviation=0.0015, where="5.2.2"
