@@ -61,6 +61,7 @@ COMMANDS = {
         "as JSON lines, or in the treebank's form", "fusionnet.apps.corpus:export"
     ),
     "corpus vectors": Entry("vectors of a corpus's words", "fusionnet.apps.corpus:vectors"),
+    "train policy": Entry("everything, one after the other", "fusionnet.apps.train:policy"),
     "train detector": Entry(
         "pictures to blocks", "fusionnet.apps.train:detector", "DETECTOR_PRESETS"
     ),

@@ -9,8 +9,12 @@ from typing import Any
 from fusionnet.apps.progress import bars
 from fusionnet.training.detector import DetectorConfig
 from fusionnet.training.detector import train as train_detector
+from fusionnet.training.end_to_end import EndToEndConfig
+from fusionnet.training.end_to_end import train as train_end_to_end
 from fusionnet.training.fusion import FusionConfig
 from fusionnet.training.fusion import train as train_fusion
+from fusionnet.training.policy import PolicyConfig
+from fusionnet.training.policy import train as train_policy
 from fusionnet.training.thesis_detector import ThesisDetectorConfig
 from fusionnet.training.thesis_detector import train as train_thesis_detector
 from fusionnet.training.thesis_fusion import train as train_thesis_fusion
@@ -56,11 +60,12 @@ TRANSLATOR_PRESETS = {"compact": TranslatorConfig, "thesis": ThesisTranslatorCon
 
 
 def fusion(
-    config: FusionConfig | ThesisFusionConfig | SmallThesisFusionConfig,
+    config: FusionConfig | EndToEndConfig | ThesisFusionConfig | SmallThesisFusionConfig,
 ) -> dict[str, Any] | None:
     """Train FusionNet: picture and sentence to the fourteen values.
 
     --preset compact (what we ship): the tree carried out on the layout that was seen.
+    --preset end-to-end: all three parts of a policy as one network, on a data set.
     --preset thesis: the thesis's FusionNet at its own size, on a data set.
     --preset thesis-small: the same architecture for a CPU: small pictures and networks.
     Put `--preset NAME --help` for the options of one. A run that was stopped goes on where its
@@ -69,11 +74,24 @@ def fusion(
     with bars() as bar:
         if isinstance(config, ThesisFusionConfig):
             return train_thesis_fusion(config, progress=bar("training")) or None
+        if isinstance(config, EndToEndConfig):
+            return train_end_to_end(config, progress=bar("training")) or None
         return train_fusion(config, progress=bar("training"), rendering=bar("rendering")) or None
 
 
 FUSION_PRESETS = {
     "compact": FusionConfig,
+    "end-to-end": EndToEndConfig,
     "thesis": ThesisFusionConfig,
     "thesis-small": SmallThesisFusionConfig,
 }
+
+
+def policy(config: PolicyConfig) -> dict[str, Any]:
+    """Train a whole policy: pictures, both eyes' detectors, translator and FusionNet.
+
+    A night on two cores. A run that was stopped goes on where its `--work` folder says. Prints
+    the metrics of every part as JSON; `fusionnet run --policy OUT` moves by it.
+    """
+    with bars() as bar:
+        return train_policy(config, bar)

@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 import torch
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from torch import Tensor, nn
 from torch.nn.functional import binary_cross_entropy_with_logits, mse_loss, nll_loss
 
@@ -147,6 +147,32 @@ class FusionNet(nn.Module):
         parts = [source @ table, holding[:, None], target @ table, ends_held[:, None]]
         return torch.cat(parts, dim=1)
 
+    def weigh(
+        self,
+        programs: PackedPrograms,
+        probabilities: Float[Tensor, " k"],
+        holding: Float[Tensor, " k"],
+        execution: Execution,
+        sentence: Int[Tensor, " k"],
+    ) -> Float[Tensor, " k"]:
+        """The share of each reading in the answer to its sentence; they sum to 1 a sentence.
+
+        A reading counts by its probability, by whether the gripper holds a block where it has
+        to, and by how well the layout has what it speaks of.
+
+        Args:
+            programs: The readings.
+            probabilities: Of each, as the translator sees it.
+            holding: Probability that the gripper holds a block, for each.
+            execution: Of the readings, on what was seen.
+            sentence: Number of the sentence that each is a reading of.
+        """
+        possible = torch.where(programs.held == Held.YES, holding, 1 - holding)
+        possible = torch.where(programs.held == Held.IF_ANY, 1.0, possible).clamp(min=1e-3)
+        weight = probabilities * possible * execution.evidence + 1e-12
+        total = weight.new_zeros(int(sentence.max()) + 1).index_add(0, sentence, weight)
+        return weight / total[sentence]
+
     def losses(
         self,
         programs: PackedPrograms,
@@ -208,10 +234,8 @@ class FusionNet(nn.Module):
         held = torch.full((len(programs),), float(holding))
         expanded = cells.expand(len(programs), -1, -1, -1, -1)
         execution, ends = self.execute(packed, expanded, held)
-        possible = torch.where(packed.held == Held.YES, held, 1 - held)
-        possible = torch.where(packed.held == Held.IF_ANY, 1.0, possible).clamp(min=1e-3)
-        weight = weights * possible * execution.evidence + 1e-12
-        weight = weight / weight.sum()
+        one_sentence = torch.zeros(len(programs), dtype=torch.long)
+        weight = self.weigh(packed, weights, held, execution, one_sentence)
         source, target = execution.source.exp(), execution.target.exp()
         pair = torch.einsum("k,ki,kj->ij", weight, source, target)
         best = int(pair.argmax())

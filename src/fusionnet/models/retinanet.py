@@ -132,7 +132,7 @@ class RetinaNet(nn.Module):
             fine, coarse = levels[self.strides[0]][:count], coarse[:count]
             stem = None if stem is None else stem[:count]
             outputs["pose"] = pose = self.pose_head(fine, coarse)
-            used = pose[-1].detach() if deviation is None else deviation
+            used = pose[-1] if deviation is None else deviation
             pixels = self.pose_head.project(used, self.occupancy_head.points)
             outputs["occupancy"] = self.occupancy_head(fine, coarse, pixels, stem)
         return outputs

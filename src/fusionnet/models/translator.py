@@ -15,7 +15,7 @@ import numpy as np
 import torch
 from jaxtyping import Float
 from torch import Tensor
-from torch.nn.functional import cross_entropy
+from torch.nn.functional import cross_entropy, log_softmax
 
 from fusionnet.errors import CheckpointError, TreeError
 from fusionnet.models.beam_search import Hypothesis, beam_search
@@ -147,6 +147,32 @@ class Translator(SentenceReader):
         words = unjoined(readable_words(sentence), self.vocabulary)
         batch = self._batch([words], [holding])
         return self.network.encode(batch).features[0]
+
+    def log_probabilities(
+        self,
+        sentences: Sequence[str],
+        holding: Sequence[bool | None],
+        runs: Sequence[Sequence[str]],
+    ) -> Float[Tensor, " n"]:
+        """How likely the network writes a run of symbols for each sentence; differentiable.
+
+        Args:
+            sentences: What was said.
+            holding: Whether the gripper held a block; None when that is not known.
+            runs: Names of symbols, as in `Reading.symbols`.
+
+        Returns:
+            Natural logarithms, the same as those of readings.
+        """
+        said = [unjoined(words_of(sentence), self.vocabulary) for sentence in sentences]
+        numbers = [[NUMBERS[name] for name in run] for run in runs]
+        given = padded([[NUMBERS[START], *run] for run in numbers], NUMBERS[PADDING])
+        wanted = padded([[*run, NUMBERS[END]] for run in numbers], NUMBERS[PADDING])
+        logits, _ = self.network(self._batch(said, holding), given)
+        never = torch.tensor([NUMBERS[PADDING], NUMBERS[START]])
+        shares = log_softmax(logits.float().index_fill(-1, never, -torch.inf), -1)
+        chosen = shares.gather(-1, wanted[..., None])[..., 0]
+        return torch.where(wanted == NUMBERS[PADDING], 0.0, chosen).sum(1)
 
     @torch.inference_mode()
     def teacher_forced(

@@ -69,7 +69,7 @@ class TranslatorNetworkConfig:
             raise CheckpointError(f"A dropout is at least 0 and below 1; got {self.dropout}.")
 
 
-@dataclass(frozen=True)
+@dataclass  # not frozen: Fabric converts its tensors
 class SentenceBatch:
     """Sentences as the network reads them; the gripper's state is their first word.
 

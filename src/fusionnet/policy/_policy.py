@@ -23,13 +23,13 @@ from fusionnet.catalogue import did_you_mean
 from fusionnet.errors import InputError, PlanningError, UnknownNameError
 from fusionnet.models.fusionnet import FusionNet
 from fusionnet.models.hub import check_robot
+from fusionnet.models.policy_folder import SHIPPED, weights_folder
 from fusionnet.models.retinanet import RetinaNet, Sight
 from fusionnet.models.translator import Reading, Translator
 from fusionnet.policy._answer import Answer, Pose, detections
 from fusionnet.policy._check import refuse_doubtful
 from fusionnet.policy._eyes import both_seen
 from fusionnet.policy._placing import with_boxed_blocks
-from fusionnet.policy._weights import SHIPPED, weights_folder
 from fusionnet.randomness import generator
 from fusionnet.robots import load as load_robot
 from fusionnet.simulation import joint_targets

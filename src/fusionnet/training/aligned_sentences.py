@@ -10,6 +10,7 @@ from typing import NamedTuple
 from fusionnet.corpora import Command
 from fusionnet.errors import TreeError
 from fusionnet.models.tree_symbols import DESTINATION, MEASURE, symbols_of
+from fusionnet.rcl import Tree
 from fusionnet.sentences import words_of
 
 Span = tuple[int, int]
@@ -87,17 +88,27 @@ class EntityPart(NamedTuple):
 
 def aligned(command: Command) -> AlignedSentence | None:
     """A command as an aligned sentence; None if the symbols cannot write its tree."""
+    return aligned_with(command.sentence, command.tree, command.scene.before.held is not None)
+
+
+def aligned_with(sentence: str, tree: Tree, holding: bool | None) -> AlignedSentence | None:
+    """A sentence with its tree; None if the symbols cannot write the tree.
+
+    Args:
+        sentence: What was said.
+        tree: What it means; its leaves carry the positions of their words.
+        holding: Whether the gripper held a block; None if unknown.
+    """
     try:
-        run = symbols_of(command.tree)
+        run = symbols_of(tree)
     except TreeError:
         return None
-    words = words_of(command.sentence)
+    words = words_of(sentence)
     index = {position: i for i, position in enumerate(words.positions)}
     spans: list[Span | None] = []
     for symbol in run:
         said = [index[t] for t in symbol.tokens if t in index]
         spans.append((said[0], said[-1]) if said else None)
-    holding = command.scene.before.held is not None
     return AlignedSentence(words.texts, tuple(s.name for s in run), tuple(spans), holding)
 
 

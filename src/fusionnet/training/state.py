@@ -19,7 +19,10 @@ from fusionnet.errors import CheckpointError
 
 STATE_FILE = "state.safetensors"
 
-_FREE = {"out", "work", "steps", "log_every", "save_every", "tensorboard", "accelerator", "threads"}
+_FREE = {
+    *("out", "work", "workers", "steps", "log_every", "save_every", "tensorboard"),
+    *("accelerator", "threads"),
+}
 """Settings that a run may be gone on with differently."""
 
 

@@ -263,8 +263,18 @@ def collate(
 def translator_losses(
     network: torch.nn.Module, batch: TrainingBatch, smoothing: float
 ) -> dict[str, Float[Tensor, ""]]:
-    """Cross-entropy of the symbols, and of the words that each head points at."""
+    """The losses of a batch, see `symbol_losses`."""
     logits, scores = network(batch.sentences, batch.given)
+    return symbol_losses(logits, scores, batch, smoothing)
+
+
+def symbol_losses(
+    logits: Float[Tensor, "b s n"],
+    scores: Float[Tensor, "b s 2 t"],
+    batch: TrainingBatch,
+    smoothing: float,
+) -> dict[str, Float[Tensor, ""]]:
+    """`symbols`: cross-entropy of the symbols; `words`: of the words that each head points at."""
     symbols = cross_entropy(
         logits.flatten(0, 1),
         batch.wanted.flatten(),

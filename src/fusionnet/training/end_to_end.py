@@ -1,0 +1,395 @@
+"""Train the compact FusionNet as one network, from pictures and sentences to joint values.
+
+`fusionnet train fusion DATASET --preset end-to-end` runs this: it begins with the parts of a
+trained policy and goes on with the losses of what the arm does, through everything. The
+intermediate representations (boxes, camera pose, occupancy, tree) keep their own losses or
+lose them, as `representations` says; at inference they are there in any case.
+
+References:
+    Thesis, 4.3.2 (one loss for each output) and 7.1 (representations on and off).
+"""
+
+import logging
+import shutil
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any, Literal, get_args
+
+import torch
+import tyro
+from jaxtyping import Float, Int
+from torch import Tensor
+from torch.nn.functional import binary_cross_entropy, mse_loss
+
+from fusionnet.blocks.grid import Cell
+from fusionnet.dataset.folder import read_plan
+from fusionnet.dataset.reader import StoredPictures, StoredSamples
+from fusionnet.errors import DataError, InputError
+from fusionnet.files import check_new_folder, folder_whole
+from fusionnet.models.card import write_card
+from fusionnet.models.end_to_end import EndToEnd, Taught
+from fusionnet.models.fusionnet import FusionNet
+from fusionnet.models.policy_folder import weights_folder
+from fusionnet.models.retinanet import Batch, RetinaNet
+from fusionnet.models.translator import Translator
+from fusionnet.randomness import generator
+from fusionnet.rcl import parse
+from fusionnet.training.aligned_sentences import aligned_with
+from fusionnet.training.detector import collate as collate_pictures
+from fusionnet.training.loop import LoopConfig, Progress, fit, is_first_process
+from fusionnet.training.picture_variation import varied
+from fusionnet.training.translator import TrainingBatch, symbol_losses
+from fusionnet.training.translator import collate as collate_sentences
+
+log = logging.getLogger(__name__)
+
+Representation = Literal["boxes", "pose", "occupancy", "tree"]
+
+LOSSES: Mapping[Representation, tuple[str, ...]] = {
+    "boxes": ("class", "box"),
+    "pose": ("pose",),
+    "occupancy": ("occupancy", "holding"),
+    "tree": ("symbols", "words"),
+}
+"""The losses that teach each intermediate representation."""
+
+LOSS_WEIGHTS = {
+    "class": 1.0,
+    "box": 1.0,
+    "pose": 0.3,
+    "occupancy": 0.2,
+    "holding": 1.0,
+    "symbols": 1.0,
+    "words": 0.3,
+    "grasp": 1.0,
+    "place": 1.0,
+    "holds": 0.1,
+    "joints": 3.0,
+}
+"""Fixed factors: those with which the parts were trained apart."""
+
+LEAST = 1e-6
+"""Least probability, so that logarithms stay finite."""
+
+SMOOTHING = 0.03
+"""Share of probability that the symbols' targets give away, as where the translator is trained."""
+
+COLUMNS = ("id", "sentence", "tree", "variants", "holding", "move")
+
+
+@dataclass(frozen=True, kw_only=True)
+class EndToEndConfig:
+    """How to train the parts of a policy as one network.
+
+    Attributes:
+        dataset: A data set of the robot's left eye that `fusionnet dataset build` made.
+        start: Policy to begin with: a shipped name, or a folder of checkpoints.
+        out: Folder of the new policy; the log and the resumable state go to `work`.
+        work: Folder for everything that is not the policy.
+        representations: Which intermediate representations keep losses of their own.
+        readings: Trees that the translator proposes for each sentence.
+        batch: Samples a step.
+        checked: Samples of the split `sim_val` that are measured before and after.
+        loop: Steps and schedule.
+        seed: Source of all randomness.
+        threads: Of PyTorch; 0 leaves it as it is.
+    """
+
+    dataset: tyro.conf.Positional[Path]
+    start: str = "compact"
+    out: Path = Path("runs/end-to-end/policy")
+    work: Path = Path("runs/end-to-end")
+    representations: tuple[Representation, ...] = get_args(Representation)
+    readings: int = 4
+    batch: int = 8
+    checked: int = 200
+    loop: LoopConfig = field(
+        default_factory=lambda: LoopConfig(
+            steps=1000,
+            learning_rate=1e-4,
+            average=0.99,
+            precision="bf16-mixed",
+            loss_weights=LOSS_WEIGHTS,
+        )
+    )
+    seed: int = 0
+    threads: int = 0
+
+    def __post_init__(self) -> None:
+        """Refuse values that cannot train."""
+        if min(self.batch, self.readings, self.checked) < 1 or self.threads < 0:
+            raise InputError(
+                "batch, readings and checked are at least 1, threads at least 0; received "
+                f"{self.batch}, {self.readings}, {self.checked}, {self.threads}."
+            )
+
+
+@dataclass  # not frozen: Fabric moves its tensors between devices
+class EndToEndBatch:
+    """Pictures, sentences, and the moves that were asked for.
+
+    Attributes:
+        seen: Pictures of the eye, with what is true of each.
+        sentences: One a picture.
+        taught: Those whose trees the symbols can write; None if there are none.
+        source: Index of the cell of each grasp.
+        target: Index of the cell of each place.
+        begins: 1 where the gripper holds the block already.
+        ends: 1 where it keeps it.
+    """
+
+    seen: Batch
+    sentences: list[str]
+    taught: TrainingBatch | None
+    source: Int[Tensor, " b"]
+    target: Int[Tensor, " b"]
+    begins: Float[Tensor, " b"]
+    ends: Float[Tensor, " b"]
+
+    def joints(self, model: EndToEnd) -> Float[Tensor, "b k"]:
+        """The fourteen values that were asked for, scaled to 0 ... 1 (thesis 4.2)."""
+        table = model.fusion.scaled_table
+        begins, ends = self.begins[:, None], self.ends[:, None]
+        return torch.cat([table[self.source], begins, table[self.target], ends], dim=1)
+
+
+class EyeCommands:
+    """Pictures of the left eye with their sentences and moves, of one split.
+
+    Args:
+        folder: A finished data set.
+        split: One of its splits.
+
+    Raises:
+        DataError: If it is not finished, or damaged.
+        InputError: If there are pictures that the left eye did not take.
+    """
+
+    def __init__(self, folder: Path, split: str) -> None:
+        plan = read_plan(folder)
+        if tuple(plan.eyes) != ("left_eye",) or (plan.views[0] and plan.eyes_share < 1.0):
+            raise InputError(
+                f"The data set {folder} has pictures that the left eye did not take; build one "
+                "without --views and with --eyes left_eye."
+            )
+        self.pictures = StoredPictures(folder, split)
+        self.commands = StoredSamples(folder, split, COLUMNS)
+
+    def __len__(self) -> int:
+        return len(self.pictures)
+
+    def batch(
+        self, indices: list[int], translator: Translator, rng: Any | None = None
+    ) -> EndToEndBatch:
+        """Samples as tensors.
+
+        Args:
+            indices: Numbers of the samples.
+            translator: Has the vocabulary.
+            rng: Draws one of each sample's four sentences, another brightness, and errors of
+                the camera; without it the clean sentence and the picture as it is.
+        """
+        pictures, said, moves = [], [], []
+        for index in indices:
+            image, labels = self.pictures[index]
+            sample = self.commands[index]
+            variants = [sample, *sample["variants"]]
+            said.append(variants[int(rng.integers(len(variants)))] if rng is not None else sample)
+            pictures.append((image, labels) if rng is None else varied(image, labels, rng))
+            moves.append(sample["move"])
+        aligned = [
+            aligned_with(s["sentence"], parse(s["tree"]), labels.holding)
+            for s, (_, labels) in zip(said, pictures, strict=True)
+        ]
+        taught = [a for a in aligned if a is not None and a.words]
+        return EndToEndBatch(
+            seen=collate_pictures(pictures, rng),
+            sentences=[s["sentence"] for s in said],
+            taught=collate_sentences(taught, translator.vocabulary) if taught else None,
+            source=torch.tensor([Cell(*move["source"]).index for move in moves]),
+            target=torch.tensor([Cell(*move["target"]).index for move in moves]),
+            begins=torch.tensor([float(move["begins_held"]) for move in moves]),
+            ends=torch.tensor([float(move["ends_held"]) for move in moves]),
+        )
+
+    def batches(
+        self, translator: Translator, size: int, seed: int, first: int
+    ) -> Iterator[EndToEndBatch]:
+        """Endless shuffled batches from step `first` on; the same for a resumed run."""
+        size = min(size, len(self))
+        an_epoch = len(self) // size
+        step = first
+        while True:
+            epoch, row = divmod(step, an_epoch)
+            order = self.pictures.order(seed, epoch)
+            chosen = order[row * size : (row + 1) * size].tolist()
+            yield self.batch(chosen, translator, generator(seed, "end to end", step))
+            step += 1
+
+
+def end_to_end_losses(
+    wrapped: torch.nn.Module,
+    model: EndToEnd,
+    batch: EndToEndBatch,
+    representations: tuple[Representation, ...] = get_args(Representation),
+) -> dict[str, Tensor]:
+    """Named losses: what the arm does, and those of the representations asked for.
+
+    - `grasp`, `place`: cross-entropy of the cells
+    - `holds`: binary cross-entropy of the block ending held
+    - `joints`: mean squared error of the fourteen scaled values (thesis 4.3.2)
+    - the others are those of the detector and the translator, see `LOSSES`
+
+    Where the pose is learnt, cells are projected with the true camera, a little disturbed, as
+    where the detector is trained alone; where it is not, with the estimated one. Sentences of
+    which no reading can be carried out teach nothing about the move.
+    """
+    deviation = None
+    if "pose" in representations:
+        truth = model.detector.pose_head.target(batch.seen.matrix, batch.seen.camera_from_board)
+        deviation = truth + batch.seen.disturbance
+    taught = batch.taught if "tree" in representations else None
+    outputs = wrapped(
+        batch.seen.images,
+        batch.sentences,
+        deviation,
+        None if taught is None else Taught(taught.sentences, taught.given),
+    )
+    found: dict[str, Tensor] = model.detector.losses(outputs.seen, batch.seen)
+    if taught is not None:
+        logits, scores = outputs.written
+        found |= symbol_losses(logits, scores, taught, SMOOTHING)
+    wanted = {loss for name in representations for loss in LOSSES[name]}
+    found = {name: loss for name, loss in found.items() if name in wanted}
+    expected = outputs.expected
+    rows = expected.answered.nonzero()[:, 0]
+    share = len(rows) / len(batch.source)
+    told = {
+        "grasp": _entropy(expected.source[rows], batch.source[rows]),
+        "place": _entropy(expected.target[rows], batch.target[rows]),
+        "holds": binary_cross_entropy(expected.ends_held[rows].clamp(0, 1), batch.ends[rows]),
+        "joints": mse_loss(expected.joints[rows], batch.joints(model)[rows]),
+    }
+    nothing = expected.joints.sum() * 0
+    return found | {n: share * loss if share else nothing for n, loss in told.items()}
+
+
+def _entropy(found: Float[Tensor, "n 512"], cells: Int[Tensor, " n"]) -> Tensor:
+    return -found.gather(1, cells[:, None]).clamp(min=LEAST).log().mean()
+
+
+def train(config: EndToEndConfig, *, progress: Progress | None = None) -> dict[str, Any]:
+    """Train, write the policy, and return what it can do before and after.
+
+    Of several processes, one a device, only the first measures and saves; the others return
+    nothing.
+
+    Raises:
+        DataError: If the data set is not finished, or damaged.
+        InputError: If it has pictures of another camera than the left eye.
+        CheckpointError: If the policy to begin with, or a state to resume, cannot be used.
+        OutputError: If the policy cannot be written.
+    """
+    check_new_folder(config.out)
+    learnt, checked = EyeCommands(config.dataset, "train"), EyeCommands(config.dataset, "sim_val")
+    model, before, measured = run(config, learnt, checked, progress=progress)
+    if not is_first_process():
+        return {}
+    metrics = {"before": before, "after": measured}
+    here = ("out", "work", "dataset")
+    described = {k: v for k, v in asdict(config).items() if k not in here}
+    save(model, config, {"training": {**described, "samples": len(learnt)}, "metrics": metrics})
+    return metrics
+
+
+def run(
+    config: EndToEndConfig,
+    learnt: EyeCommands,
+    checked: EyeCommands,
+    *,
+    progress: Progress | None = None,
+) -> tuple[EndToEnd, dict[str, float], dict[str, float]]:
+    """Train without saving: the network, and what was measured before and after."""
+    if config.threads:
+        torch.set_num_threads(config.threads)
+    model = load(config.start, readings=config.readings)
+    before = measure(model, checked, config.checked) if is_first_process() else {}
+    fit(
+        model,
+        lambda first: learnt.batches(model.translator, config.batch, config.seed, first),
+        lambda wrapped, batch: end_to_end_losses(wrapped, model, batch, config.representations),
+        config.loop,
+        folder=config.work,
+        settings=config,
+        progress=progress,
+    )
+    after = measure(model, checked, config.checked) if is_first_process() else {}
+    return model, before, after
+
+
+def load(start: str | Path, *, readings: int = 4) -> EndToEnd:
+    """A policy's detector of the left eye, translator and FusionNet as one network.
+
+    Raises:
+        UnknownNameError: If it is no shipped policy, folder or hub name.
+        CheckpointError: If a part is missing or damaged.
+    """
+    folder = weights_folder(start)
+    return EndToEnd(
+        RetinaNet.from_folder(folder / "detector"),
+        Translator.from_folder(folder / "translator"),
+        FusionNet.from_folder(folder / "fusion"),
+        readings=readings,
+    )
+
+
+@torch.inference_mode()
+def measure(model: EndToEnd, commands: EyeCommands, count: int, size: int = 20) -> dict[str, float]:
+    """How often cells, layouts and moves are right on pictures and clean sentences.
+
+    Returns:
+        `cells_right` (grasp and place), `layouts_right`, `answered`, and `joint_mse` of the
+        expected scaled values where there is an answer.
+    """
+    model.eval()
+    count = min(count, len(commands))
+    if not count:
+        raise DataError(f"The data set {commands.pictures.samples.folder} has no such samples.")
+    right, layouts, answered, errors = 0, 0, 0, 0.0
+    for first in range(0, count, size):
+        batch = commands.batch(list(range(first, min(first + size, count))), model.translator)
+        outputs = model(batch.seen.images, batch.sentences)
+        expected = outputs.expected
+        hits = (expected.source.argmax(1) == batch.source) & (
+            expected.target.argmax(1) == batch.target
+        )
+        right += int((hits & expected.answered).sum())
+        read = outputs.seen["occupancy"][0].argmax(-1)
+        layouts += int((read == batch.seen.cells).all(1).sum())
+        answered += int(expected.answered.sum())
+        squared = ((expected.joints - batch.joints(model)) ** 2).mean(1)
+        errors += float(squared[expected.answered].sum())
+    return {
+        "cells_right": right / count,
+        "layouts_right": layouts / count,
+        "answered": answered / count,
+        "joint_mse": errors / max(answered, 1),
+        "samples": float(count),
+    }
+
+
+def save(model: EndToEnd, config: EndToEndConfig, metadata: dict[str, Any]) -> None:
+    """Write the policy's folder whole: the trained parts, and the right eye's as it was.
+
+    Raises:
+        OutputError: If it cannot be written.
+    """
+    with folder_whole(config.out) as aside:
+        model.detector.save(aside / "detector", metadata)
+        model.translator.save(aside / "translator", metadata=metadata, half=True)
+        model.fusion.save(aside / "fusion", metadata)
+        right = weights_folder(config.start) / "detector-right"
+        if right.is_dir():
+            shutil.copytree(right, aside / "detector-right")
+        write_card(aside)

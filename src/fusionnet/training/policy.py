@@ -1,0 +1,238 @@
+"""Train a whole policy, from nothing but a corpus: `fusionnet train policy`.
+
+The recipe of the policy that we ship, part after part: pictures are built, the detector of the
+left eye learns from them, then that of the right one, the translator from sentences, and
+FusionNet from what the detector says of pictures. Each part is kept where it was finished, so
+that a run that was stopped goes on.
+"""
+
+import json
+import shutil
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+from fusionnet.dataset.build import build, plan_for
+from fusionnet.dataset.sources import Sources
+from fusionnet.errors import CheckpointError, InputError
+from fusionnet.files import check_new_folder, folder_whole, write_whole
+from fusionnet.models.card import write_card
+from fusionnet.models.checkpoint import CONFIG_FILE, read_document
+from fusionnet.randomness import derived_seed
+from fusionnet.training import detector, fusion, translator
+from fusionnet.training.detector import DetectorConfig
+from fusionnet.training.fusion import FusionConfig
+from fusionnet.training.loop import LoopConfig
+from fusionnet.training.state import check_settings, settings_of
+from fusionnet.training.translator import TranslatorConfig
+from fusionnet.views import save_views
+from fusionnet.views.drawn import drawn_views
+
+SETTINGS_FILE = "policy.json"
+
+
+def _detector_loop(steps: int) -> LoopConfig:
+    return replace(DetectorConfig(datasets=(Path("eye"),)).loop, steps=steps)
+
+
+@dataclass(frozen=True, kw_only=True)
+class PolicyConfig:
+    """How to train a whole policy; the defaults take two cores a night.
+
+    Attributes:
+        out: A new folder for the policy.
+        work: Folder of pictures, logs, resumable states and finished parts.
+        corpus: Corpus of sentences, trees and layouts.
+        data: Folder of the corpus.
+        eye: Pictures of varied and invented layouts through the left eye.
+        right: The same through the right eye; 0 for a policy of one eye.
+        drawn: Pictures of blocks drawn over drawn views, of which boxes alone are learnt.
+        views: How many views are drawn.
+        rooms: Pictures of blocks drawn over the shipped rooms, of which boxes alone are learnt.
+        read: Pictures from which FusionNet learns how the detector errs.
+        batch: Pictures a step of a detector.
+        detector: Loop of the left eye's detector, which begins with nothing.
+        detector_right: Loop of the right eye's, which begins with the left one's weights.
+        translator: Loop of the translator.
+        fusion: Loop of FusionNet.
+        seed: Source of all randomness.
+        workers: Processes that build pictures.
+    """
+
+    out: Path = Path("runs/policy/checkpoint")
+    work: Path = Path("runs/policy")
+    corpus: str = "treebank"
+    data: Path | None = None
+    eye: int = 9000
+    right: int = 5000
+    drawn: int = 2500
+    views: int = 900
+    rooms: int = 1500
+    read: int = 3000
+    batch: int = 16
+    detector: LoopConfig = field(default_factory=lambda: _detector_loop(12_000))
+    detector_right: LoopConfig = field(default_factory=lambda: _detector_loop(3000))
+    translator: LoopConfig = field(default_factory=lambda: TranslatorConfig().loop)
+    fusion: LoopConfig = field(default_factory=lambda: FusionConfig().loop)
+    seed: int = 0
+    workers: int = 1
+
+    def __post_init__(self) -> None:
+        """Refuse what cannot train."""
+        if min(self.eye, self.read, self.batch, self.workers) < 1 or self.views < 2:
+            raise InputError(
+                "eye, read, batch and workers are at least 1, views at least 2; received "
+                f"{self.eye}, {self.read}, {self.batch}, {self.workers} and {self.views}."
+            )
+        if min(self.right, self.drawn, self.rooms) < 0:
+            raise InputError(
+                "right, drawn and rooms are numbers of pictures, 0 for none; received "
+                f"{self.right}, {self.drawn} and {self.rooms}."
+            )
+        loops = (self.detector, self.detector_right, self.translator, self.fusion)
+        if any(loop.devices > 1 for loop in loops):
+            raise InputError(
+                "A whole policy is trained on one device; `fusionnet train detector`, `translator` "
+                "and `fusion` train the parts on several."
+            )
+
+
+Bars = Callable[[str], Callable[..., None]]
+"""Given the name of a stage, the function that is told how far it is."""
+
+
+def train(config: PolicyConfig, bars: Bars) -> dict[str, Any]:
+    """Train every part that is not finished yet, write the policy, return each part's metrics.
+
+    Raises:
+        InputError: If the corpus has no training groups.
+        DataError: If the corpus is missing or damaged.
+        CheckpointError: If `work` holds a run of other settings.
+        OutputError: If something cannot be written, or `out` holds files already.
+    """
+    check_new_folder(config.out)
+    _same_settings(config)
+    parts = {"detector": _detector, "translator": _translator, "fusion": _fusion}
+    if config.right:
+        parts["detector-right"] = _detector_right
+    for name, make in parts.items():
+        if not (_part(config, name) / CONFIG_FILE).is_file():
+            make(config, bars)
+    with folder_whole(config.out) as aside:
+        for name in parts:
+            shutil.copytree(_part(config, name), aside / name)
+        write_card(aside)
+    return {name: read_document(_part(config, name))["metadata"]["metrics"] for name in parts}
+
+
+def _part(config: PolicyConfig, name: str) -> Path:
+    return config.work / name / "checkpoint"
+
+
+def _same_settings(config: PolicyConfig) -> None:
+    """Keep the settings of a new run; refuse to go on with another's."""
+    file, told = config.work / SETTINGS_FILE, settings_of(config)
+    if file.is_file():
+        try:
+            stored = json.loads(file.read_text())
+        except ValueError as error:
+            raise CheckpointError(f"{file} is damaged: {error}. Remove {config.work}.") from error
+        check_settings(config.work, told, stored)
+    else:
+        write_whole(file, json.dumps(told, indent=1))
+
+
+def _detector(config: PolicyConfig, bars: Bars) -> None:
+    seen = dict(varied=0.94, invented=0.5, displaced=0.3)
+    over = dict(varied=0.95, invented=0.55, noised=0.7, eyes_share=0.0)
+    sets = [_built(config, "eye", config.eye, seen, bars)]
+    if config.drawn:
+        views = config.work / "drawn-views"
+        if not views.is_dir():
+            made = drawn_views(
+                config.views,
+                derived_seed(config.seed, "policy", "views"),
+                validation=max(1, config.views // 15),
+                progress=bars("drawn views"),
+            )
+            save_views(views, made)
+        sets.append(_built(config, "drawn", config.drawn, over, bars, str(views)))
+    if config.rooms:
+        sets.append(_built(config, "rooms", config.rooms, over, bars, "rooms"))
+    detector.train(
+        DetectorConfig(
+            datasets=tuple(sets),
+            out=_part(config, "detector"),
+            work=config.work / "detector",
+            batch=config.batch,
+            loop=config.detector,
+            seed=config.seed,
+        ),
+        progress=bars("left eye's detector"),
+    )
+
+
+def _detector_right(config: PolicyConfig, bars: Bars) -> None:
+    seen = dict(varied=0.94, invented=0.5, displaced=0.3, eyes=("right_eye",))
+    detector.train(
+        DetectorConfig(
+            datasets=(_built(config, "right", config.right, seen, bars),),
+            out=_part(config, "detector-right"),
+            work=config.work / "detector-right",
+            start=_part(config, "detector"),
+            eye="right_eye",
+            batch=config.batch,
+            loop=config.detector_right,
+            seed=config.seed,
+        ),
+        progress=bars("right eye's detector"),
+    )
+
+
+def _translator(config: PolicyConfig, bars: Bars) -> None:
+    translator.train(
+        TranslatorConfig(
+            out=_part(config, "translator"),
+            work=config.work / "translator",
+            corpus=config.corpus,
+            data=config.data,
+            loop=config.translator,
+            seed=config.seed,
+        ),
+        progress=bars("translator"),
+    )
+
+
+def _fusion(config: PolicyConfig, bars: Bars) -> None:
+    fusion.train(
+        FusionConfig(
+            out=_part(config, "fusion"),
+            work=config.work / "fusion",
+            corpus=config.corpus,
+            data=config.data,
+            reader=_part(config, "detector"),
+            pictures=config.read,
+            loop=config.fusion,
+            seed=config.seed,
+        ),
+        progress=bars("fusion"),
+        rendering=bars("pictures for the fusion"),
+    )
+
+
+def _built(
+    config: PolicyConfig,
+    name: str,
+    count: int,
+    options: Mapping[str, Any],
+    bars: Bars,
+    views: str | None = None,
+) -> Path:
+    """A data set of the policy's own, built or gone on with."""
+    sources = Sources(data=config.data, views=views)
+    seed = derived_seed(config.seed, "policy", name)
+    plan = plan_for(str(count), config.corpus, sources, seed=seed, **options)
+    folder = config.work / f"pictures-{name}"
+    build(folder, plan, sources, workers=config.workers, progress=bars(f"pictures: {name}"))
+    return folder
