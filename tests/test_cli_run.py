@@ -100,6 +100,8 @@ def test_its_page_stands_alone(shown) -> None:
     assert SENTENCE in html and "data:video/mp4;base64," in html and "data:image/webp" in html
     for heading in ("saw", "did", "understood", "board", "looked", "answered"):
         assert re.search(rf"<h2>[^<]*{heading}[^<]*</h2>", html)
+    marked = set(re.findall(r"<mark [^>]*>(\w+)</mark>", html))
+    assert marked == {"put", "red", "pyramid", "on", "blue", "cube"}
     assert "prefers-color-scheme: dark" in html
 
 

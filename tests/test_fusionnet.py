@@ -13,7 +13,7 @@ from fusionnet.models.checkpoint import save_checkpoint
 from fusionnet.models.fusionnet import FusionNet, compact
 from fusionnet.models.program_pack import pack
 from fusionnet.models.tree_program import compile_tree
-from fusionnet.rcl import parse
+from fusionnet.rcl import describe, parse
 from fusionnet.robots import load as load_robot
 from fusionnet.training.fusion import batch_of
 from fusionnet.training.simulated_readings import cells_of, exact_readings, simulated_readings
@@ -85,10 +85,10 @@ def test_attention_names_every_entity(taught: FusionNet) -> None:
     occupancy, holding = readings()
     command = EXAMPLES[2]  # the blue cube from the green one onto the red and yellow stack
     answer = taught(occupancy[2], float(holding[2]), [(command.tree, 1.0)])
-    assert [label for label, _ in answer.attention] == [
-        "green cube",
-        "blue cube",
-        "red yellow stack",
+    assert [describe(entity) for entity, _ in answer.attention] == [
+        "the green cube",
+        "the blue cube on the green cube",
+        "the red and yellow stack",
     ]
     blue = answer.attention[1][1]
     assert blue.shape == (512,)

@@ -1,10 +1,13 @@
 """Pictures of what the networks saw: boxes and labels in the blocks' own colours."""
 
+import base64
+import io
 from collections.abc import Sequence
 from typing import NamedTuple
 
+import cv2
 import numpy as np
-from jaxtyping import UInt8
+from jaxtyping import Float, UInt8
 from PIL import Image, ImageDraw, ImageFont
 
 from fusionnet.blocks.grid import Color
@@ -20,6 +23,9 @@ PAINT: dict[str, tuple[int, int, int]] = {
     Color.WHITE: (246, 246, 243),
 }
 """How a block's colour is drawn on a screen (sRGB)."""
+
+LIT = (255, 145, 40)
+"""The outline of what is lit in a picture."""
 
 _WIDEST = 1920
 """Pixels to which a picture is enlarged, so that small blocks have readable labels."""
@@ -123,6 +129,43 @@ def draw_boxes(
         middle = ((place[0] + place[2]) / 2, (place[1] + place[3]) / 2)
         draw.text(middle, box.label, fill=ink_on(paint), font=font, anchor="mm")
     return np.asarray(picture)
+
+
+def spotlight(
+    image: UInt8[np.ndarray, "h w 3"],
+    strength: Float[np.ndarray, "h2 w2"],
+    part: tuple[int, int, int, int],
+    width: int = 640,
+) -> UInt8[np.ndarray, "tall wide 3"]:
+    """A part of a picture, dark and grey but where something is lit, and that outlined.
+
+    Args:
+        image: RGB.
+        strength: How strongly each of its pixels is lit, 0 to 1; may have another resolution.
+        part: Left, top, right and bottom edge of what is shown, in pixels of `image`.
+        width: Of the result, in pixels.
+    """
+    left, top, right, bottom = part
+    size = (width, round(width * (bottom - top) / (right - left)))
+    height, wide = image.shape[:2]
+    light = cv2.resize(strength, (wide, height))[top:bottom, left:right]
+    light = cv2.resize(light, size)[..., None]
+    shown = cv2.resize(image[top:bottom, left:right], size, interpolation=cv2.INTER_CUBIC)
+    grey = shown.mean(axis=2, keepdims=True)
+    dark = 0.5 * (0.7 * grey + 0.3 * shown)
+    lit = np.ascontiguousarray(np.rint(dark + light * (shown - dark)).astype(np.uint8))
+    edges, _ = cv2.findContours(
+        (light[..., 0] > 0.25).astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE
+    )
+    cv2.drawContours(lit, edges, -1, LIT, 3, cv2.LINE_AA)
+    return lit
+
+
+def webp(image: UInt8[np.ndarray, "h w 3"]) -> str:
+    """A picture as a page carries it inside: the address of its data."""
+    buffer = io.BytesIO()
+    Image.fromarray(image).save(buffer, "webp", quality=85)
+    return f"data:image/webp;base64,{base64.b64encode(buffer.getvalue()).decode('ascii')}"
 
 
 def _free_place(

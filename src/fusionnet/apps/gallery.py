@@ -4,19 +4,15 @@ Everything is inside the one file: no scripts, no external resources; it follows
 light or dark setting.
 """
 
-import base64
-import io
 from collections import Counter
 from collections.abc import Mapping
 from html import escape
 from importlib import resources
 from typing import Any
 
-from PIL import Image
-
 from fusionnet import rcl
 from fusionnet.apps.board_drawing import board_svg, highest_level
-from fusionnet.apps.drawing import Box, draw_boxes
+from fusionnet.apps.drawing import Box, draw_boxes, webp
 from fusionnet.blocks import Cell
 from fusionnet.evaluation.policy import Watched
 
@@ -139,7 +135,7 @@ def _card(watched: Watched) -> str:
     )
     return f"""<section class="card">
 <h2>{escape(command.sentence)}</h2>
-<figure><img src="{_webp(draw_boxes(watched.image, boxes))}" alt="What the left eye saw">
+<figure><img src="{webp(draw_boxes(watched.image, boxes))}" alt="What the left eye saw">
 <figcaption>what the left eye saw, with the blocks that were found</figcaption></figure>
 {drawn}<dl>{listed}</dl>
 </section>
@@ -148,9 +144,3 @@ def _card(watched: Watched) -> str:
 
 def _cell(cell: Cell) -> str:
     return f"({cell.x}, {cell.y}, {cell.z})"
-
-
-def _webp(image: Any) -> str:
-    buffer = io.BytesIO()
-    Image.fromarray(image).save(buffer, "webp", quality=80)
-    return f"data:image/webp;base64,{base64.b64encode(buffer.getvalue()).decode('ascii')}"

@@ -5,7 +5,6 @@ external resources; it follows the reader's light or dark setting.
 """
 
 import base64
-import io
 import json
 from collections import Counter
 from html import escape
@@ -13,9 +12,8 @@ from importlib import resources
 from typing import Any
 
 import numpy as np
-from PIL import Image
 
-from fusionnet.apps.drawing import PAINT, Box, around, hexadecimal
+from fusionnet.apps.drawing import PAINT, Box, around, hexadecimal, webp
 from fusionnet.apps.page_evidence import (
     answered,
     attended,
@@ -107,7 +105,7 @@ def _saw(record: RunRecord, seen: np.ndarray) -> str:
 <h2>What it saw</h2>
 <p>{number} block{"" if number == 1 else "s"} in the picture, enlarged here; point at one for
 its score.</p>
-<div class="picture"><img src="{_webp(seen)}" alt="The blocks, each with a box and its name">
+<div class="picture"><img src="{webp(seen)}" alt="The blocks, each with a box and its name">
 <svg viewBox="{part}" preserveAspectRatio="none">{boxes}</svg></div>
 <ul class="chips">{chips}</ul>
 </section>
@@ -153,9 +151,3 @@ def _provenance(document: dict[str, Any]) -> str:
 <details><summary>Show</summary><pre>{escape(text)}</pre></details>
 </section>
 """
-
-
-def _webp(image: np.ndarray) -> str:
-    buffer = io.BytesIO()
-    Image.fromarray(image).save(buffer, "webp", quality=88)
-    return f"data:image/webp;base64,{base64.b64encode(buffer.getvalue()).decode('ascii')}"

@@ -1,6 +1,7 @@
 """The parts of a run's page that show why: reading, board, attention, answer, time."""
 
 import re
+from collections.abc import Iterable
 from html import escape
 
 import numpy as np
@@ -8,8 +9,9 @@ import numpy as np
 from fusionnet import rcl, robots
 from fusionnet.apps import tree_drawing
 from fusionnet.apps.board_drawing import board_svg, heat_svg, highest_level
+from fusionnet.apps.drawing import around, spotlight, webp
 from fusionnet.apps.run_record import RunRecord
-from fusionnet.blocks import Cell, Layout, Move
+from fusionnet.blocks import Layout, Move
 
 
 def understood(record: RunRecord, tree_svg: str) -> str:
@@ -78,33 +80,44 @@ def boards(record: RunRecord) -> str:
 
 
 def attended(record: RunRecord) -> str:
-    """Where each part of the command looked on the board, and where the arm will go."""
+    """For each part of the command: its words, and what they were taken to be in the picture."""
     answer = record.answer
-    looked = [
-        # How well a cell fits the words says nothing by itself: only beside the best one's.
-        (cells / max(float(cells.max()), 1e-9), label, f"best {_cell(cells)}")
-        for label, cells in answer.attention
-    ]
-    goes = [
-        (cells, label, f"{_cell(cells)}, {float(cells.max()):.0%}")
-        for label, cells in (("grasp", answer.source), ("place", answer.target))
-    ]
-    drawn = "".join(
-        f"<figure>{heat_svg(cells, title=label)}"
-        f"<figcaption>{escape(label)}<br>{where}</figcaption></figure>"
-        for cells, label, where in looked + goes
+    if not answer.attention:
+        return ""
+    part = around(record.boxes, record.picture.shape[1::-1])
+    cards = "".join(
+        f"""<figure><div class="picture"><img
+src="{webp(spotlight(record.picture, answer.pixels(attention), part))}"
+alt="The picture, with {escape(attention.label)} lit"></div>
+<figcaption><b>{escape(_TITLES.get(attention.label, attention.label))}</b>
+<span class="words">{_marked(attention.words)}</span>
+<span class="cell">{heat_svg(attention.cells, title="Its squares of the board")}
+cell {tuple(attention.cell)}, {float(attention.cells.max()):.0%}</span></figcaption></figure>
+"""
+        for attention in answer.attention
     )
     return f"""<section>
-<h2>Where it looked</h2>
-<p>How well each square fits each part of the command, beside the one that fits best; and how
-likely it is to be where the arm grasps and where it places.</p>
-<div class="boards small">{drawn}</div>
+<h2>What it looked at</h2>
+<p>Each part of the command that stands for something on the table: the words that it was read
+from are marked, and what the network took it to be is lit in the picture and on the board.</p>
+<div class="boards attended">{cards}</div>
 </section>
 """
 
 
-def _cell(cells: np.ndarray) -> str:
-    return str(tuple(Cell.from_index(int(np.argmax(cells)))))
+_TITLES = {"grasp": "where the hand grasps", "place": "where the block goes"}
+
+
+def _marked(words: Iterable[tuple[str, float]]) -> str:
+    """Words, each marked as strongly as it was looked at beside the one that was most."""
+    words = list(words)
+    most = max((share for _, share in words), default=0.0)
+    return " ".join(
+        f'<mark style="--share:{share / most:.0%}" title="{share:.0%}">{escape(word)}</mark>'
+        if most > 0 and share >= 0.05 * most
+        else escape(word)
+        for word, share in words
+    )
 
 
 def answered(record: RunRecord) -> str:

@@ -32,7 +32,7 @@ from fusionnet.models.program_pack import PackedPrograms, pack
 from fusionnet.models.program_values import Goal, Held
 from fusionnet.models.soft_layout import CELLS, soft_layout
 from fusionnet.models.tree_program import TreeProgram, compile_tree
-from fusionnet.rcl import Tree
+from fusionnet.rcl import Entity, Tree
 
 KIND = "fusionnet"
 MICRO = 1e-6
@@ -58,8 +58,8 @@ class FusionAnswer:
         evidence: How surely the layout has what the reading speaks of, against the usual, 0 to 1.
         weights: Probability of each reading that makes sense, after looking at the layout.
         reading: Index, among the given readings, of the one that decided.
-        attention: For each entity of the likeliest reading, its words and how
-            strongly each cell belongs to it.
+        attention: Each entity of the reading that decided, and how strongly each cell
+            belongs to it; landmarks come before what is related to them.
     """
 
     targets: Float[np.ndarray, " targets"]
@@ -72,7 +72,7 @@ class FusionAnswer:
     evidence: float
     weights: tuple[float, ...]
     reading: int
-    attention: list[tuple[str, Float[np.ndarray, "512"]]]
+    attention: list[tuple[Entity, Float[np.ndarray, "512"]]]
 
 
 class FusionNet(nn.Module):
@@ -226,7 +226,7 @@ class FusionNet(nn.Module):
             InputError: If an array has the wrong shape, or there is no reading.
             PlanningError: If no reading makes sense, whatever the layout.
         """
-        programs, weights, labels, kept = _programs_of(readings)
+        programs, weights, kept = _programs_of(readings)
         cells = torch.from_numpy(np.array(occupancy, dtype=np.float32))
         if cells.shape != (GRID, GRID, GRID, 17):
             raise InputError(f"The occupancy must have shape (8, 8, 8, 17), not {cells.shape}.")
@@ -247,7 +247,7 @@ class FusionNet(nn.Module):
         scaled = self.joints(grasp, place, held[:1].round(), ends_held[None].round())[0]
         likeliest = int(chosen.argmax())
         attention = [
-            (labels[likeliest][step], execution.steps[row].exp().numpy())
+            (programs[likeliest].steps[step].entity, execution.steps[row].exp().numpy())
             for row, (example, step) in enumerate(packed.order)
             if example == likeliest
         ]
@@ -340,8 +340,8 @@ def _quantile_loss(above: Float[Tensor, " m"]) -> Float[Tensor, ""]:
 
 def _programs_of(
     readings: Sequence[tuple[Tree, float]],
-) -> tuple[list[TreeProgram], Float[Tensor, " k"], list[list[str]], list[int]]:
-    """Programs of the readings that make sense, weights, labels of their steps, and indices."""
+) -> tuple[list[TreeProgram], Float[Tensor, " k"], list[int]]:
+    """Programs of the readings that make sense, their weights and indices."""
     programs: list[TreeProgram] = []
     weights: list[float] = []
     kept: list[int] = []
@@ -356,8 +356,7 @@ def _programs_of(
         kept.append(index)
     if not programs:
         raise refusal
-    labels = [[step.label for step in program.steps] for program in programs]
-    return programs, torch.tensor(weights), labels, kept
+    return programs, torch.tensor(weights), kept
 
 
 def compact(robot: str = "nico") -> FusionNet:

@@ -32,8 +32,8 @@ SAME = 0.4
 
 _SHAPES = tuple(Shape)
 
-_SHIFT = 4
-"""Bits of a pixel's fraction in OpenCV's drawing."""
+FRACTION = 4
+"""Bits of a pixel's fraction where OpenCV draws."""
 
 Project = Callable[[Float[np.ndarray, "n 3"]], Float[np.ndarray, "n 2"]]
 
@@ -59,21 +59,21 @@ def projected_boxes(
     possible = np.flatnonzero(cells[:, :EMPTY].max(axis=1) >= SCORE)
     if not len(possible):
         return Boxes(torch.zeros(0, 4).double(), torch.zeros(0).long(), torch.zeros(0))
-    possible = possible[_far_to_near(possible, viewpoint)]
+    possible = possible[far_to_near(possible, viewpoint)]
     there = cells[possible, EMPTY] < 0.5
     by_shape = cells[possible, :EMPTY].reshape(-1, len(_SHAPES), COLORS)
     shapes = by_shape.sum(axis=2).argmax(axis=1)
-    outlines = [_outlines(possible, shape, project) for shape in _SHAPES]
+    drawings = [outlines(possible, shape, project) for shape in _SHAPES]
     picture = np.zeros((size[1], size[0]), np.int32)
     for number in np.flatnonzero(there):
-        outline = outlines[shapes[number]][number]
-        cv2.fillConvexPoly(picture, outline, int(number) + 1, shift=_SHIFT)
+        outline = drawings[shapes[number]][number]
+        cv2.fillConvexPoly(picture, outline, int(number) + 1, shift=FRACTION)
     drawn, pixels = _boxes_of(picture, len(possible))
     boxes, classes, scores = [], [], []
     for number, shape, color in np.argwhere(by_shape >= SCORE):
         box, seen = drawn[number], pixels[number]
         if not there[number] or shape != shapes[number]:
-            box, seen = _seen_part(picture, outlines[shape][number], int(number))
+            box, seen = _seen_part(picture, drawings[shape][number], int(number))
         if seen >= LEAST_PIXELS:
             boxes.append(box)
             classes.append(int(shape * COLORS + color))
@@ -100,22 +100,29 @@ def with_leftovers(explained: Boxes, found: Boxes) -> Boxes:
     )
 
 
-def _far_to_near(cells: Int[np.ndarray, " n"], viewpoint: np.ndarray) -> Int[np.ndarray, " n"]:
+def far_to_near(
+    cells: Int[np.ndarray, " n"], viewpoint: Float[np.ndarray, "3"]
+) -> Int[np.ndarray, " n"]:
     """An order in which no cell is hidden by an earlier one: axis by axis towards the camera."""
     place = np.stack(np.unravel_index(cells, (GRID, GRID, GRID)), axis=1)
     away = np.abs((place + 0.5) * BLOCK_SIZE - viewpoint)
     return np.lexsort(-away.T)
 
 
-def _outlines(
+def outlines(
     cells: Int[np.ndarray, " n"], shape: Shape, project: Project
 ) -> list[Int[np.ndarray, "k 2"]]:
-    """The convex outlines of blocks of a shape, in pixels times 2**_SHIFT."""
+    """The convex outlines of blocks of a shape, as `drawable` points."""
     blocks = tuple(Block(Color.RED, shape, Cell.from_index(int(cell))) for cell in cells)
     corners = drawn_corners(blocks, ideal_poses(blocks, np.eye(4)))
     pixels = project(corners.reshape(-1, 3)).reshape(len(blocks), -1, 2)
-    fixed = np.rint((pixels - 0.5) * 2**_SHIFT).clip(-(2**24), 2**24).astype(np.int32)
-    return [cv2.convexHull(points)[:, 0] for points in fixed]
+    return [cv2.convexHull(points)[:, 0] for points in drawable(pixels)]
+
+
+def drawable(pixels: Float[np.ndarray, "*n 2"]) -> Int[np.ndarray, "*n 2"]:
+    """Points as OpenCV draws them: whole numbers at pixels' centres, times 2**FRACTION."""
+    points: np.ndarray = np.rint((pixels - 0.5) * 2**FRACTION).clip(-(2**24), 2**24)
+    return points.astype(np.int32)
 
 
 def _boxes_of(
@@ -134,12 +141,12 @@ def _seen_part(
 ) -> tuple[Float[np.ndarray, "4"], int]:
     """Box and pixels of what would be seen of a block between those before and behind it."""
     height, width = picture.shape
-    low = np.clip(outline.min(axis=0) >> _SHIFT, 0, [width, height])
-    high = np.clip((outline.max(axis=0) >> _SHIFT) + 2, 0, [width, height])
+    low = np.clip(outline.min(axis=0) >> FRACTION, 0, [width, height])
+    high = np.clip((outline.max(axis=0) >> FRACTION) + 2, 0, [width, height])
     if (high <= low).any():
         return np.zeros(4), 0
     mask = np.zeros((high[1] - low[1], high[0] - low[0]), np.uint8)
-    cv2.fillConvexPoly(mask, outline - (low << _SHIFT), 1, shift=_SHIFT)
+    cv2.fillConvexPoly(mask, outline - (low << FRACTION), 1, shift=FRACTION)
     before = picture[low[1] : high[1], low[0] : high[0]] > number + 1
     rows, columns = np.nonzero((mask > 0) & ~before)
     if not len(rows):

@@ -62,7 +62,7 @@ class Step:
     """How one entity is grounded.
 
     Attributes:
-        label: The entity in words, for explanations.
+        entity: What is grounded.
         kind: What it is as a landmark.
         level: Steps of a lower level must be done before.
         attributes: Numbers in `ATTRIBUTES`.
@@ -73,7 +73,7 @@ class Step:
         moved: Step of the block that the command moves, for what comes after it.
     """
 
-    label: str
+    entity: Entity
     kind: Kind
     level: int
     attributes: tuple[int, ...] = ()
@@ -122,7 +122,7 @@ def compile_tree(tree: Tree) -> TreeProgram:
     compiler.held = {Action.DROP: Held.YES, Action.MOVE: Held.IF_ANY}.get(action, Held.NO)
     source = compiler.entity(first.entity, role)
     if compiler.steps[source].kind != Kind.BLOCK:
-        raise PlanningError(f"'{compiler.steps[source].label}' is not one block to be moved.")
+        raise PlanningError(f"'{_label(first.entity)}' is not one block to be moved.")
     compiler.moved = source
     destination = None
     for event in happenings:
@@ -182,7 +182,7 @@ class _Compiler:
         )
         before = [r.landmark for r in related] + ([self.moved] if self.moved is not None else [])
         step = Step(
-            label=_label(entity),
+            entity=entity,
             kind=kind,
             level=1 + max((self.steps[b].level for b in before), default=-1),
             attributes=_attributes(entity, type_, role),

@@ -13,6 +13,7 @@ nothing is lost:
   though its type does not say so, or does not though it does.
 """
 
+from collections.abc import Iterator
 from collections.abc import Sequence as Run
 from typing import NamedTuple
 
@@ -25,6 +26,7 @@ from fusionnet.rcl import (
     Indicator,
     Leaf,
     Measure,
+    Node,
     Relation,
     Sequence,
     SpatialRelation,
@@ -88,16 +90,19 @@ def symbols_of(tree: Tree) -> tuple[Symbol, ...]:
         TreeError: If the tree has what the symbols cannot say: an id other than
             1, a cardinal above 8, or two relations at one entity.
     """
-    run: list[Symbol] = []
-    if isinstance(tree, Sequence) and len(tree.events) == 1:
-        run.append(Symbol(SEQUENCE))
-    for event in events(tree):
-        run.append(_leaf("action", event.action))
-        _write_entity(event.entity, run)
-        if event.destination is not None:
-            run.append(Symbol(DESTINATION))
-            _write_relation(event.destination, run)
-    return tuple(run)
+    return tuple(symbol for _, symbol in owned_symbols(tree))
+
+
+def owned_symbols(tree: Tree) -> tuple[tuple[Node, Symbol], ...]:
+    """The symbols of a tree, each behind the node that it belongs to.
+
+    An event has its action; an entity its description and how it lies to its landmark, which
+    is an entity of its own; a destination how the place lies to its landmark.
+
+    Raises:
+        TreeError: As `symbols_of`.
+    """
+    return tuple(_written(tree))
 
 
 def tree_of(run: Run[Symbol]) -> Tree:
@@ -118,11 +123,25 @@ def tree_of(run: Run[Symbol]) -> Tree:
     return Sequence(tuple(found)) if single or len(found) > 1 else found[0]
 
 
+Written = Iterator[tuple[Node, Symbol]]
+
+
+def _written(tree: Tree) -> Written:
+    if isinstance(tree, Sequence) and len(tree.events) == 1:
+        yield tree, Symbol(SEQUENCE)
+    for event in events(tree):
+        yield event, _leaf("action", event.action)
+        yield from _entity(event.entity, event.entity)
+        if event.destination is not None:
+            yield event.destination, Symbol(DESTINATION)
+            yield from _relation(event.destination, event.destination)
+
+
 def _leaf(kind: str, leaf: Leaf) -> Symbol:
     return Symbol(f"{kind}:{leaf.value}", leaf.tokens)
 
 
-def _write_entity(entity: Entity, run: list[Symbol]) -> None:
+def _entity(entity: Entity, owner: Node) -> Written:
     if len(entity.relations) > 1:
         raise TreeError("The translator's symbols hold one relation an entity.")
     for name in (entity.id, entity.reference_id):
@@ -130,28 +149,28 @@ def _write_entity(entity: Entity, run: list[Symbol]) -> None:
             raise TreeError(f"The translator's symbols hold id 1 only, not {name.value}.")
     if entity.cardinal is not None and entity.cardinal.value not in CARDINALS:
         raise TreeError(f"The translator's symbols count to 8, not {entity.cardinal.value}.")
-    if entity.id is not None:
-        run.append(Symbol(ID))
-    run.extend(_leaf("indicator", leaf) for leaf in entity.indicators)
-    if entity.cardinal is not None:
-        run.append(_leaf("cardinal", entity.cardinal))
-    run.extend(_leaf("color", leaf) for leaf in entity.colors)
+    own = [] if entity.id is None else [Symbol(ID)]
+    own += [_leaf("indicator", leaf) for leaf in entity.indicators]
+    own += [] if entity.cardinal is None else [_leaf("cardinal", entity.cardinal)]
+    own += [_leaf("color", leaf) for leaf in entity.colors]
     if (entity.type.value in _REFERRING) != (entity.reference_id is not None):
-        run.append(Symbol(REFERENCE))
-    run.append(_leaf("type", entity.type))
+        own.append(Symbol(REFERENCE))
+    own.append(_leaf("type", entity.type))
+    for symbol in own:
+        yield owner, symbol
     for relation in entity.relations:
-        _write_relation(relation, run)
+        yield from _relation(relation, owner)
 
 
-def _write_relation(relation: SpatialRelation, run: list[Symbol]) -> None:
+def _relation(relation: SpatialRelation, owner: Node) -> Written:
     if relation.measure is not None:
         if relation.measure.entity.relations:
             raise TreeError("The translator's symbols hold no relation inside a measure.")
-        run.append(Symbol(MEASURE))
-        _write_entity(relation.measure.entity, run)
-    run.append(_leaf("relation", relation.relation))
+        yield owner, Symbol(MEASURE)
+        yield from _entity(relation.measure.entity, owner)
+    yield owner, _leaf("relation", relation.relation)
     if relation.entity is not None:
-        _write_entity(relation.entity, run)
+        yield from _entity(relation.entity, relation.entity)
 
 
 class _Reader:

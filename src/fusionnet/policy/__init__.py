@@ -2,6 +2,7 @@
 
 from fusionnet.models.policy_folder import SHIPPED, detector_folder, weights_folder
 from fusionnet.policy._answer import LEAST_SCORE, Answer, Detection, Pose
+from fusionnet.policy._attention import Attention
 from fusionnet.policy._check import FARTHEST, disagreement
 from fusionnet.policy._eyes import EYE_WEIGHT, both_seen
 from fusionnet.policy._placing import block_shift, with_boxed_blocks
@@ -14,6 +15,7 @@ __all__ = [
     "LEAST_SCORE",
     "SHIPPED",
     "Answer",
+    "Attention",
     "Detection",
     "Kind",
     "Policy",

@@ -8,13 +8,19 @@ import numpy as np
 from jaxtyping import Float
 
 from fusionnet.blocks import CLASS_NAMES, Cell, Layout, Move, layout_to_json
+from fusionnet.errors import InputError
+from fusionnet.geometry import PinholeCamera
 from fusionnet.models.retinanet import Sight
 from fusionnet.models.translator import Reading
+from fusionnet.policy._attention import Attention, attended_pixels
 from fusionnet.rcl import Tree
 from fusionnet.rcl import format as format_tree
 
 LEAST_SCORE = 0.5
 """Detections below this score are no evidence; measuring precision needs them, people do not."""
+
+LEAST_SHARE = 0.01
+"""Words and cells with a smaller share of an attention are left out of its JSON."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,7 +71,10 @@ class Answer:
         move: The move that the planner's vote elected.
         agreement: Share of the votes for that move.
         confidence: Of the policy that answers, in its grasp and place cells together.
-        attention: Where each node of the tree looked, as (label, probabilities of cells).
+        attention: What each part of the tree rests on: every entity, landmarks first, then the
+            grasp and the place.
+        camera: The eye as it was estimated, for the picture that was shown; the board's frame
+            stands for the robot's.
         milliseconds: Time spent by stage.
     """
 
@@ -84,7 +93,8 @@ class Answer:
     move: Move
     agreement: float
     confidence: float
-    attention: tuple[tuple[str, Float[np.ndarray, "512"]], ...] = ()
+    attention: tuple[Attention, ...] = ()
+    camera: PinholeCamera | None = None
     milliseconds: Mapping[str, float] = field(default_factory=dict)
 
     @property
@@ -98,6 +108,16 @@ class Answer:
                 [self.place.gripper],
             ]
         )
+
+    def pixels(self, attention: Attention) -> Float[np.ndarray, "h w"]:
+        """Which part of the eye's picture an attention looked at, 1 where it looked most.
+
+        Raises:
+            InputError: If the policy that answered estimates no camera.
+        """
+        if self.camera is None:
+            raise InputError("This answer has no camera: its policy does not say where it looked.")
+        return attended_pixels(attention.cells, self.layout, self.camera)
 
     def as_json(self) -> dict[str, Any]:
         """JSON values of everything but the large arrays."""
@@ -123,6 +143,18 @@ class Answer:
             "target_cell": list(self.target_cell),
             "source_cells": _likely_cells(self.source),
             "target_cells": _likely_cells(self.target),
+            "attention": [
+                {
+                    "of": part.label,
+                    "words": [
+                        {"word": word, "share": round(share, 4)}
+                        for word, share in part.words
+                        if share >= LEAST_SHARE
+                    ],
+                    "cells": _likely_cells(part.cells, LEAST_SHARE),
+                }
+                for part in self.attention
+            ],
             "symbolic_move": {
                 "source": list(self.move.source),
                 "target": list(self.move.target),
@@ -145,11 +177,13 @@ def detections(sight: Sight) -> tuple[Detection, ...]:
     )
 
 
-def _likely_cells(distribution: Float[np.ndarray, "512"], count: int = 3) -> list[dict[str, Any]]:
-    best = np.argsort(distribution)[::-1][:count]
+def _likely_cells(distribution: Float[np.ndarray, "512"], least: float = 0.0) -> list[Any]:
+    """The three likeliest cells, of those that are likely enough."""
+    best = np.argsort(distribution)[::-1][:3]
     return [
         {"cell": list(Cell.from_index(int(i))), "probability": round(float(distribution[i]), 4)}
         for i in best
+        if distribution[i] >= least
     ]
 
 

@@ -27,6 +27,7 @@ from fusionnet.models.policy_folder import SHIPPED, weights_folder
 from fusionnet.models.retinanet import RetinaNet, Sight
 from fusionnet.models.translator import Reading, Translator
 from fusionnet.policy._answer import Answer, Pose, detections
+from fusionnet.policy._attention import attentions
 from fusionnet.policy._check import refuse_doubtful
 from fusionnet.policy._eyes import both_seen
 from fusionnet.policy._placing import with_boxed_blocks
@@ -147,7 +148,8 @@ class Policy:
             move=elected.move,
             agreement=elected.share,
             confidence=elected.share if symbolic else fused.confidence,
-            attention=tuple(fused.attention),
+            attention=attentions(fused, readings[fused.reading], source, target),
+            camera=sight.camera,
             milliseconds=milliseconds,
         )
 
