@@ -30,17 +30,43 @@ def picture(scene):
 def test_the_check_lets_a_neighbouring_cell_pass_and_nothing_farther():
     assert FARTHEST == 1
     for shift, agrees in ((0, True), (1, True), (2, False)):
-        said = disagreement(Cell(2 + shift, 2, 0), MOVE.target, MOVE, 1.0)
+        said = disagreement(replace(MOVE, source=Cell(2 + shift, 2, 0)), MOVE, 1.0)
         assert (said == "") is agrees
     assert "grasp at (4, 2, 0)" in said and "2 cells apart" in said
-    said = disagreement(MOVE.source, Cell(4, 4, 5), MOVE, 1.0)
+    said = disagreement(replace(MOVE, target=Cell(4, 4, 5)), MOVE, 1.0)
     assert "place at (4, 4, 5)" in said and "4 cells apart" in said
 
 
 def test_the_check_wants_most_votes_for_one_move():
-    agreeing = MOVE.source, MOVE.target, MOVE
-    assert disagreement(*agreeing, 0.9) == ""
-    assert "only 30% of the layouts" in disagreement(*agreeing, 0.3)
+    assert disagreement(MOVE, MOVE, 0.9) == ""
+    assert "only 30% of the layouts" in disagreement(MOVE, MOVE, 0.3)
+
+
+@pytest.mark.parametrize(
+    ("pointed", "elected", "said"),
+    [
+        ({"begins_held": True}, {}, "move a block that the hand already holds, and the planner"),
+        ({}, {"begins_held": True}, "move a block that stands on the board, and the planner"),
+        ({"ends_held": True}, {}, "keep the block in the hand, and the planner"),
+        ({}, {"ends_held": True}, "let go of the block, and the planner"),
+    ],
+)
+def test_the_check_wants_both_to_agree_on_the_gripper(pointed, elected, said):
+    told = disagreement(replace(MOVE, **pointed), replace(MOVE, **elected), 1.0)
+    assert told.startswith(f"the network would {said} would not")
+
+
+def test_a_policy_that_checks_refuses_when_the_network_keeps_the_block(picture, monkeypatch):
+    policy = load_policy("compact", check=True)
+    right = policy.fusion.forward
+
+    def kept(*given):
+        answer = right(*given)
+        return replace(answer, targets=np.append(answer.targets[:-1], 1.0))
+
+    monkeypatch.setattr(policy.fusion, "forward", kept)
+    with pytest.raises(DoubtError, match="would keep the block in the hand, and the planner"):
+        policy(picture, SENTENCE)
 
 
 def test_a_policy_that_checks_refuses_when_the_network_points_elsewhere(picture, monkeypatch):

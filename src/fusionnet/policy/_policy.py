@@ -17,11 +17,11 @@ from typing import Literal, get_args
 import numpy as np
 from jaxtyping import Float, UInt8
 
-from fusionnet.blocks import Cell
+from fusionnet.blocks import Cell, Move
 from fusionnet.blocks.voting import Vote, likely_layout, vote
 from fusionnet.catalogue import did_you_mean
 from fusionnet.errors import InputError, PlanningError, UnknownNameError
-from fusionnet.models.fusionnet import FusionNet
+from fusionnet.models.fusionnet import FusionAnswer, FusionNet
 from fusionnet.models.hub import check_robot
 from fusionnet.models.policy_folder import SHIPPED, weights_folder
 from fusionnet.models.retinanet import RetinaNet, Sight
@@ -124,9 +124,9 @@ class Policy:
             )
         if elected.move is None:
             raise PlanningError(elected.refusal)
-        pointed = Cell.from_index(fused.source_cell), Cell.from_index(fused.target_cell)
+        pointed = _pointed(fused)
         if self.check:
-            refuse_doubtful(*pointed, elected.move, elected.share)
+            refuse_doubtful(pointed, elected.move, elected.share)
         symbolic = self.kind == "symbolic"
         source = _cell_shares(elected, "source") if symbolic else fused.source
         target = _cell_shares(elected, "target") if symbolic else fused.target
@@ -143,8 +143,8 @@ class Policy:
             tree=elected.tree if symbolic else readings[fused.reading].tree,
             source=source,
             target=target,
-            source_cell=elected.move.source if symbolic else pointed[0],
-            target_cell=elected.move.target if symbolic else pointed[1],
+            source_cell=elected.move.source if symbolic else pointed.source,
+            target_cell=elected.move.target if symbolic else pointed.target,
             move=elected.move,
             agreement=elected.share,
             confidence=elected.share if symbolic else fused.confidence,
@@ -223,6 +223,16 @@ def _models(folder: Path) -> tuple[RetinaNet, Translator, FusionNet, RetinaNet |
 
 
 _shipped = functools.lru_cache(maxsize=1)(_models)
+
+
+def _pointed(fused: FusionAnswer) -> Move:
+    """What the network's fourteen values do."""
+    return Move(
+        Cell.from_index(fused.source_cell),
+        Cell.from_index(fused.target_cell),
+        begins_held=bool(fused.targets[len(fused.targets) // 2 - 1] >= 0.5),
+        ends_held=bool(fused.targets[-1] >= 0.5),
+    )
 
 
 def _cell_shares(elected: Vote, end: Literal["source", "target"]) -> Float[np.ndarray, "512"]:
