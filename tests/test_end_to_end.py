@@ -153,5 +153,7 @@ def test_nothing_to_measure_is_refused(stored: Path) -> None:
 
 def test_what_is_measured_counts_both_cells(stored: Path, model: EndToEnd) -> None:
     measured = measure(model, EyeCommands(stored, "sim_val"), 5)
-    assert set(measured) == {"cells_right", "layouts_right", "answered", "joint_mse", "samples"}
+    rates = {"cells_right", "layouts_right", "blocks_right", "answered"}
+    assert set(measured) == rates | {"joint_mse", "samples"}
+    assert all(0 <= measured[name] <= 1 for name in rates)
     assert 0 <= measured["cells_right"] <= measured["answered"] <= 1

@@ -22,7 +22,7 @@ from jaxtyping import Float, Int
 from torch import Tensor
 from torch.nn.functional import binary_cross_entropy, mse_loss
 
-from fusionnet.blocks.grid import Cell
+from fusionnet.blocks import EMPTY, Cell
 from fusionnet.dataset.folder import read_plan
 from fusionnet.dataset.reader import StoredPictures, StoredSamples
 from fusionnet.errors import DataError, InputError
@@ -349,14 +349,15 @@ def measure(model: EndToEnd, commands: EyeCommands, count: int, size: int = 20) 
     """How often cells, layouts and moves are right on pictures and clean sentences.
 
     Returns:
-        `cells_right` (grasp and place), `layouts_right`, `answered`, and `joint_mse` of the
-        expected scaled values where there is an answer.
+        `cells_right` (grasp and place), `layouts_right`, `blocks_right` (whose cell has the right
+        class), `answered`, and `joint_mse` of the expected scaled values where there is an answer.
     """
     model.eval()
     count = min(count, len(commands))
     if not count:
         raise DataError(f"The data set {commands.pictures.samples.folder} has no such samples.")
     right, layouts, answered, errors = 0, 0, 0, 0.0
+    found, blocks = 0, 0
     for first in range(0, count, size):
         batch = commands.batch(list(range(first, min(first + size, count))), model.translator)
         outputs = model(batch.seen.images, batch.sentences)
@@ -366,13 +367,17 @@ def measure(model: EndToEnd, commands: EyeCommands, count: int, size: int = 20) 
         )
         right += int((hits & expected.answered).sum())
         read = outputs.seen["occupancy"][0].argmax(-1)
-        layouts += int((read == batch.seen.cells).all(1).sum())
+        true = read == batch.seen.cells
+        layouts += int(true.all(1).sum())
+        filled = batch.seen.cells != EMPTY
+        found, blocks = found + int(true[filled].sum()), blocks + int(filled.sum())
         answered += int(expected.answered.sum())
         squared = ((expected.joints - batch.joints(model)) ** 2).mean(1)
         errors += float(squared[expected.answered].sum())
     return {
         "cells_right": right / count,
         "layouts_right": layouts / count,
+        "blocks_right": found / max(blocks, 1),
         "answered": answered / count,
         "joint_mse": errors / max(answered, 1),
         "samples": float(count),
