@@ -21,7 +21,7 @@ SIZES: dict[Scale, Size] = {
         train=8, checked=4, stored=(320, 180), input=(96, 54), width=16, depth=1, batch=1, steps=1
     ),
     "small": Size(
-        train=800, checked=60, stored=(480, 270), input=(160, 88), width=32, depth=1, steps=1000
+        train=800, checked=60, stored=(480, 270), input=(160, 88), width=32, depth=1, steps=500
     ),
     "thesis": Size(
         train=30_000,
@@ -71,8 +71,8 @@ EXPERIMENT = Experiment(
     differs={
         "smoke": "8 pictures and one step at 96x54: it shows only that it runs.",
         "small": "Random instead of ImageNet weights, 800 pictures through the robot's eye at "
-        "160x88, subnets of one convolution with 32 channels, 1,000 steps of four pictures with "
-        "AdamW in bfloat16: a twelfth of the thesis's pictures, without what it begins from.",
+        "160x88, subnets of one convolution with 32 channels, 500 steps of four pictures with "
+        "AdamW in bfloat16: a twenty-fifth of the thesis's pictures, without what it begins from.",
         "thesis": "As the thesis, with pictures for validation without noise.",
     },
     metric="map_50_weighted",
