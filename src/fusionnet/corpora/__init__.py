@@ -1,7 +1,8 @@
 """Commands with their trees and scenes, from whatever source, as one kind of record.
 
 One file a corpus, which offers `CORPUS`: a function from the folder of the data
-(or None) to a `Corpus`. Files that begin with an underscore are no corpora.
+(or None) to a `Corpus`, and `TERMS`: what the corpus is and how it is licensed, as a
+clause for model cards. Files that begin with an underscore are no corpora.
 """
 
 from pathlib import Path
@@ -12,6 +13,8 @@ from fusionnet.corpora._discard import discard
 from fusionnet.corpora._export import command_as_json, json_lines, treebank_files
 
 CATALOGUE = Catalogue("fusionnet.corpora", kind="corpus", attribute="CORPUS")
+
+TERMS = Catalogue("fusionnet.corpora", kind="corpus", attribute="TERMS")
 
 
 def load_corpus(name: str, data: Path | str | None = None, *, skip_bad: bool = False) -> Corpus:
@@ -33,6 +36,7 @@ def load_corpus(name: str, data: Path | str | None = None, *, skip_bad: bool = F
 
 __all__ = [
     "CATALOGUE",
+    "TERMS",
     "Command",
     "Corpus",
     "Part",

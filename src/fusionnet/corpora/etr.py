@@ -65,6 +65,10 @@ def read(data: Path | None, *, skip_bad: bool = False) -> Corpus:
 
 
 CORPUS = read
+TERMS = (
+    "the [Extended Train Robots](https://archive.researchdata.leeds.ac.uk/37) release of the "
+    "University of Leeds, under the terms that are stated there"
+)
 
 
 class _Bad(Exception):

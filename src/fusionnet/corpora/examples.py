@@ -22,6 +22,7 @@ def read(data: Path | None = None, *, skip_bad: bool = False) -> Corpus:
 
 
 CORPUS = read
+TERMS = "our own example scenes, a part of the package `fusionnet` (Apache-2.0)"
 
 
 def corpus_from_json(value: Any, name: str) -> Corpus:

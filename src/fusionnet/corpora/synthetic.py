@@ -47,6 +47,7 @@ def read(
 
 
 CORPUS = read
+TERMS = "our own synthetic commands, which the package `fusionnet` (Apache-2.0) makes by chance"
 
 _kept: dict[tuple[int, int], tuple[Command, ...]] = {}
 """The commands that were last asked for: several parts of one run ask for the same."""

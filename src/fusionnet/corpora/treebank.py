@@ -74,6 +74,10 @@ def read(data: Path | None, *, skip_bad: bool = False) -> Corpus:
 
 
 CORPUS = read
+TERMS = (
+    "the [Robot Commands Treebank](https://aclanthology.org/S14-2006/) (Train Robots) as released "
+    "for SemEval-2014 task 6, free for research"
+)
 
 
 def _lines(path: Path) -> Iterator[tuple[int, str]]:

@@ -1,4 +1,4 @@
-"""Checkpoints: a folder with `model.safetensors` and `config.json`, never a pickle.
+"""Checkpoints: a folder with `model.safetensors`, `config.json` and a card, never a pickle.
 
 Loading one executes nothing: tensors are read by safetensors, everything else is
 JSON of bounded size. The JSON carries the kind of model, the schema version, the
@@ -20,6 +20,7 @@ from safetensors import SafetensorError
 from safetensors.torch import load_file, save_file
 
 from fusionnet.errors import CheckpointError, OutputError
+from fusionnet.models.card import CARD_FILE, model_card
 
 SCHEMA_VERSION = 1
 """Raised when a change makes older checkpoints unreadable."""
@@ -56,7 +57,7 @@ def save_checkpoint(
     metadata: Mapping[str, Any] | None = None,
     half: bool = False,
 ) -> None:
-    """Write a checkpoint folder whole or not at all.
+    """Write a checkpoint folder with its model card, whole or not at all.
 
     Args:
         folder: Where to; an existing checkpoint there is replaced.
@@ -85,11 +86,13 @@ def save_checkpoint(
         try:
             save_file(state, aside / WEIGHTS_FILE)
             (aside / CONFIG_FILE).write_text(json.dumps(document, indent=1) + "\n")
-            for file in (WEIGHTS_FILE, CONFIG_FILE):
+            (aside / CARD_FILE).write_text(model_card(document))
+            files = (WEIGHTS_FILE, CONFIG_FILE, CARD_FILE)
+            for file in files:
                 (aside / file).chmod(0o644)
             aside.chmod(0o755)
             if folder.is_dir():
-                for file in (WEIGHTS_FILE, CONFIG_FILE):
+                for file in files:
                     os.replace(aside / file, folder / file)
             else:
                 os.replace(aside, folder)

@@ -24,7 +24,6 @@ from torch.nn.functional import binary_cross_entropy_with_logits, mse_loss, nll_
 
 from fusionnet.blocks.grid import GRID
 from fusionnet.errors import CheckpointError, InputError, PlanningError
-from fusionnet.models.card import write_card
 from fusionnet.models.checkpoint import load_checkpoint, restore, save_checkpoint
 from fusionnet.models.fusers.tree_executor import Execution, TreeExecutor
 from fusionnet.models.hub import check_robot, checkpoint_folder
@@ -277,8 +276,8 @@ class FusionNet(nn.Module):
         high = np.concatenate([high, [1.0], high, [1.0]])
         return np.asarray(scaled) * (high - low) + low
 
-    def save(self, folder: Path, metadata: dict[str, Any] | None = None) -> None:
-        """Write a checkpoint folder, in half precision but for the joint table.
+    def save(self, folder: Path | str, metadata: dict[str, Any] | None = None) -> None:
+        """Write a checkpoint folder with its model card, in half precision but for the joint table.
 
         Raises:
             OutputError: If it cannot be written.
@@ -292,14 +291,7 @@ class FusionNet(nn.Module):
             half=True,
         )
 
-    def save_pretrained(self, folder: Path | str, metadata: dict[str, Any] | None = None) -> None:
-        """Write a checkpoint folder with its model card, as the hub wants it.
-
-        Raises:
-            OutputError: If it cannot be written.
-        """
-        self.save(Path(folder), metadata)
-        write_card(Path(folder))
+    save_pretrained = save
 
     @classmethod
     def from_pretrained(cls, name: Path | str, *, robot: str | None = None) -> "FusionNet":

@@ -11,9 +11,8 @@ from pathlib import Path
 
 from fusionnet import robots
 from fusionnet.errors import CheckpointError, UnknownNameError
+from fusionnet.models.card import CARD_FILE
 from fusionnet.models.checkpoint import CONFIG_FILE, WEIGHTS_FILE
-
-CARD_FILE = "README.md"
 
 FILES = (CONFIG_FILE, WEIGHTS_FILE, CARD_FILE)
 """All that is ever fetched of a checkpoint."""

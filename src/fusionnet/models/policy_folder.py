@@ -5,7 +5,9 @@ from pathlib import Path
 
 from fusionnet.catalogue import did_you_mean
 from fusionnet.errors import UnknownNameError
-from fusionnet.models.checkpoint import CONFIG_FILE
+from fusionnet.files import write_whole
+from fusionnet.models.card import CARD_FILE, policy_card
+from fusionnet.models.checkpoint import CONFIG_FILE, read_document
 from fusionnet.models.hub import FILES, fetched, is_hub_name
 
 SHIPPED = ("compact",)
@@ -47,3 +49,15 @@ def detector_folder(name: str | Path) -> Path:
     """
     own = Path(name)
     return own if (own / CONFIG_FILE).is_file() else weights_folder(name) / "detector"
+
+
+def write_policy_card(folder: Path, name: str) -> None:
+    """Write the model card of the policy `name` beside its checkpoints.
+
+    Raises:
+        CheckpointError: If one of them is missing or damaged.
+        OutputError: If it cannot be written.
+    """
+    here = [part for part in PARTS if part != "detector-right" or (folder / part).is_dir()]
+    documents = {part: read_document(folder / part) for part in here}
+    write_whole(folder / CARD_FILE, policy_card(name, documents))

@@ -21,7 +21,6 @@ from torch import Tensor, nn
 
 from fusionnet.errors import CheckpointError, InputError
 from fusionnet.models import fusers, heads
-from fusionnet.models.card import write_card
 from fusionnet.models.checkpoint import load_checkpoint, restore, save_checkpoint
 from fusionnet.models.convolutional_nodes import ConvolutionalNodes
 from fusionnet.models.heads import Example, Features, Head, Shapes
@@ -213,7 +212,6 @@ class ThesisFusionNet(nn.Module):
             tensors=self.state_dict(),
             metadata=metadata,
         )
-        write_card(folder)
 
     save_pretrained = save
 

@@ -146,6 +146,7 @@ def train(config: DetectorConfig, *, progress: Progress | None = None) -> dict[s
     paths = ("datasets", "out", "work", "start")
     described = {k: v for k, v in asdict(config).items() if k not in paths}
     described["pictures"], described["warm"] = len(pictures), config.start is not None
+    described["corpus"] = sorted({read_plan(folder).corpus for folder in config.datasets})
     model.save(config.out, {"training": described, "metrics": metrics})
     return metrics
 

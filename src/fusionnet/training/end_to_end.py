@@ -27,10 +27,9 @@ from fusionnet.dataset.folder import read_plan
 from fusionnet.dataset.reader import StoredPictures, StoredSamples
 from fusionnet.errors import DataError, InputError
 from fusionnet.files import check_new_folder, folder_whole
-from fusionnet.models.card import write_card
 from fusionnet.models.end_to_end import EndToEnd, Taught
 from fusionnet.models.fusionnet import FusionNet
-from fusionnet.models.policy_folder import weights_folder
+from fusionnet.models.policy_folder import weights_folder, write_policy_card
 from fusionnet.models.retinanet import Batch, RetinaNet
 from fusionnet.models.translator import Translator
 from fusionnet.randomness import generator
@@ -299,7 +298,8 @@ def train(config: EndToEndConfig, *, progress: Progress | None = None) -> dict[s
     metrics = {"before": before, "after": measured}
     here = ("out", "work", "dataset")
     described = {k: v for k, v in asdict(config).items() if k not in here}
-    save(model, config, {"training": {**described, "samples": len(learnt)}, "metrics": metrics})
+    described |= {"corpus": read_plan(config.dataset).corpus, "samples": len(learnt)}
+    save(model, config, {"training": described, "metrics": metrics})
     return metrics
 
 
@@ -397,4 +397,4 @@ def save(model: EndToEnd, config: EndToEndConfig, metadata: dict[str, Any]) -> N
         right = weights_folder(config.start) / "detector-right"
         if right.is_dir():
             shutil.copytree(right, aside / "detector-right")
-        write_card(aside)
+        write_policy_card(aside, config.out.name)

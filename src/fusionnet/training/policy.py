@@ -17,8 +17,8 @@ from fusionnet.dataset.build import build, plan_for
 from fusionnet.dataset.sources import Sources
 from fusionnet.errors import CheckpointError, InputError
 from fusionnet.files import check_new_folder, folder_whole, write_whole
-from fusionnet.models.card import write_card
 from fusionnet.models.checkpoint import CONFIG_FILE, read_document
+from fusionnet.models.policy_folder import write_policy_card
 from fusionnet.randomness import derived_seed
 from fusionnet.training import detector, fusion, translator
 from fusionnet.training.detector import DetectorConfig
@@ -122,7 +122,7 @@ def train(config: PolicyConfig, bars: Bars) -> dict[str, Any]:
     with folder_whole(config.out) as aside:
         for name in parts:
             shutil.copytree(_part(config, name), aside / name)
-        write_card(aside)
+        write_policy_card(aside, config.out.name)
     return {name: read_document(_part(config, name))["metadata"]["metrics"] for name in parts}
 
 

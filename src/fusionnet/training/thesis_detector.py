@@ -15,6 +15,7 @@ from typing import Any
 import torch
 import tyro
 
+from fusionnet.dataset.folder import read_plan
 from fusionnet.errors import DataError, InputError
 from fusionnet.models import backbones, detectors
 from fusionnet.models.anchors import AnchorShapes, thesis_anchors
@@ -137,6 +138,7 @@ def train(config: ThesisDetectorConfig, *, progress: Progress | None = None) -> 
     metrics: dict[str, Any] = measure(model, checked, config.checked)
     metrics |= {"backbone_weights": weights, "loss": history[-1]["loss"] if history else None}
     described = {k: v for k, v in asdict(config).items() if k not in ("out", "work", "dataset")}
+    described["corpus"] = read_plan(config.dataset).corpus
     model.save(config.out, {"training": described, "metrics": metrics}, half=False)
     return metrics
 
