@@ -13,7 +13,7 @@ References:
 
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import torch
 from jaxtyping import Bool, Float, Int
@@ -90,6 +90,9 @@ def thesis(source_words: int, target_words: int) -> TransformerConfig:
     return TransformerConfig(source_words=source_words, target_words=target_words)
 
 
+Parameters = tuple[Tensor, Tensor]
+"""Weight and bias of a linear layer or a normalisation."""
+
 Pair = tuple[Float[Tensor, "b h t d"], Float[Tensor, "b h t d"]]
 """Keys and values of an attention."""
 
@@ -130,24 +133,51 @@ class SourceMemory:
         return None if self.full else self.mask[:, None, None]
 
 
+class PreparedLayer(NamedTuple):
+    """What a layer of the decoder multiplies by at every step, made ready once.
+
+    What the source says does not change while a target is written. Queries times keys, and
+    values times the last layer, are therefore each one matrix a sentence.
+
+    Attributes:
+        own: What makes queries, keys and values of a token, as one matrix.
+        own_output, own_norm: Weight and bias.
+        asked: For each sentence, from a vector to the scores of all heads at the source.
+        shown: Added to these scores: 0, or `_NOWHERE` where the source has no token.
+        told: For each sentence, from the attention of all heads to what it adds to the vector.
+        source_norm, wide, narrow, wide_norm: Weight and bias.
+    """
+
+    own: Float[Tensor, "q e"]
+    own_output: Parameters
+    own_norm: Parameters
+    asked: Float[Tensor, "b e ht"]
+    shown: Float[Tensor, "b 1 ht"]
+    told: Float[Tensor, "b ht e"]
+    source_norm: Parameters
+    wide: Parameters
+    narrow: Parameters
+    wide_norm: Parameters
+
+
 @dataclass(frozen=True)
 class TargetCache:
     """What the decoder remembers of the tokens written so far.
 
     Attributes:
         pairs: For each layer, keys and values of its look at them.
-        weights: For each layer, what makes queries, keys and values of a token, as one matrix.
+        layers: The decoder's layers, made ready for the sentences.
         length: How many tokens.
     """
 
     pairs: tuple[Float[Tensor, "b 2 h t d"], ...]
-    weights: tuple[Float[Tensor, "q e"], ...]
+    layers: tuple[PreparedLayer, ...]
     length: int = 0
 
     def rows(self, index: Int[Tensor, " n"]) -> "TargetCache":
-        """The hypotheses with these numbers."""
+        """The hypotheses with these numbers, as many as before; each stays with its sentence."""
         pairs = tuple(pair.index_select(0, index) for pair in self.pairs)
-        return TargetCache(pairs, self.weights, self.length)
+        return TargetCache(pairs, self.layers, self.length)
 
 
 class Attention(nn.Module):
@@ -304,9 +334,10 @@ class TransformerNetwork(nn.Module):
         """The cache before the first token."""
         rows, heads, _, size = memory.pairs[0][0].shape
         empty = memory.features.new_empty((rows, 2, heads, 0, size))
-        owns = [layer.own for layer in self.decoder]
-        weights = (torch.cat((o.query.weight, o.key.weight, o.value.weight)) for o in owns)
-        return TargetCache((empty,) * len(owns), tuple(weights))
+        shown = torch.where(memory.mask, 0.0, _NOWHERE).repeat(1, heads)[:, None]
+        layers = zip(self.decoder, memory.pairs, strict=True)
+        prepared = tuple(_prepared(layer, pair, shown) for layer, pair in layers)
+        return TargetCache((empty,) * len(prepared), prepared)
 
     def step(
         self, tokens: Int[Tensor, " b"], cache: TargetCache, memory: SourceMemory
@@ -320,42 +351,50 @@ class TransformerNetwork(nn.Module):
             Logits of the next token, scores of the last layer's heads at the source
             (logarithms of their attention, up to a constant), and the longer cache.
         """
-        mask = memory.attention_mask
-        shape = (len(tokens), 3, self.config.heads, 1, self.config.attention_size)
-        x = embedding(tokens, self.target_words.weight) + self.places[cache.length]
+        rows, heads, size = len(tokens), self.config.heads, self.config.attention_size
+        split, looked = (rows, 3, heads, 1, size), (rows, heads, -1)
+        width = (self.config.embedding_size,)
+        x = (embedding(tokens, self.target_words.weight) + self.places[cache.length])[:, None]
         pairs, scores = [], x
-        last = len(self.decoder) - 1
-        for number, layer in enumerate(self.decoder):
-            here = linear(x, cache.weights[number]).view(shape)
-            pair = torch.cat((cache.pairs[number], here[:, 1:]), 3)
+        for layer, before in zip(cache.layers, cache.pairs, strict=True):
+            here = linear(x, layer.own).view(split)
+            pair = torch.cat((before, here[:, 1:]), 3)
             pairs.append(pair)
-            found = scaled_dot_product_attention(here[:, 0], pair[:, 0], pair[:, 1])
-            x = _joined(x, found, layer.own.output, layer.own_norm)
-            query = linear(x, layer.source.query.weight).view(shape[0], *shape[2:])
-            keys, values = memory.pairs[number]
-            if number == last:
-                scores = query @ keys.transpose(-1, -2) * keys.shape[-1] ** -0.5
-                scores = scores if mask is None else scores.masked_fill(~mask, _NOWHERE)
-                found = softmax(scores, -1) @ values
-            else:
-                found = scaled_dot_product_attention(query, keys, values, attn_mask=mask)
-            x = _joined(x, found, layer.source.output, layer.source_norm)
-            x = _joined(
-                x,
-                relu(linear(x, layer.wide.weight, layer.wide.bias)),
-                layer.narrow,
-                layer.wide_norm,
-            )
-        longer = TargetCache(tuple(pairs), cache.weights, cache.length + 1)
-        return linear(x, self.output.weight, self.output.bias), scores.squeeze(2), longer
+            keys, values = pair.unbind(1)
+            found = scaled_dot_product_attention(here[:, 0], keys, values)
+            x = x + linear(found.view(rows, 1, -1), *layer.own_output)
+            x = torch.layer_norm(x, width, *layer.own_norm, NORMALISATION_EPSILON)
+            scores = torch.baddbmm(layer.shown, x, layer.asked)
+            attention = softmax(scores.view(looked), -1).view(scores.shape)
+            x = torch.baddbmm(x, attention, layer.told)
+            x = torch.layer_norm(x, width, *layer.source_norm, NORMALISATION_EPSILON)
+            x = x + linear(relu(linear(x, *layer.wide)), *layer.narrow)
+            x = torch.layer_norm(x, width, *layer.wide_norm, NORMALISATION_EPSILON)
+        longer = TargetCache(tuple(pairs), cache.layers, cache.length + 1)
+        logits = linear(x[:, 0], self.output.weight, self.output.bias)
+        return logits, scores.view(looked), longer
 
 
-def _joined(
-    x: Float[Tensor, "b e"], found: Tensor, output: nn.Linear, norm: nn.LayerNorm
-) -> Float[Tensor, "b e"]:
-    """What was found, through a sublayer's last layer, addition and normalisation."""
-    more = linear(found.reshape(len(x), -1), output.weight, output.bias)
-    return layer_norm(x + more, norm.normalized_shape, norm.weight, norm.bias, norm.eps)
+def _prepared(layer: _Layer, pair: Pair, shown: Float[Tensor, "b 1 ht"]) -> PreparedLayer:
+    own, source = layer.own, layer.source
+    keys, values = pair
+    heads, size = keys.shape[1], keys.shape[3]
+    queries = source.query.weight.view(heads, size, -1).transpose(1, 2)
+    outputs = source.output.weight.view(-1, heads, size).permute(1, 2, 0)
+    told = values @ outputs
+    told[:, 0] += source.output.bias  # a head's attention sums to 1
+    return PreparedLayer(
+        own=torch.cat((own.query.weight, own.key.weight, own.value.weight)),
+        own_output=(own.output.weight, own.output.bias),
+        own_norm=(layer.own_norm.weight, layer.own_norm.bias),
+        asked=(queries @ keys.transpose(2, 3) * size**-0.5).transpose(1, 2).flatten(2),
+        shown=shown,
+        told=told.flatten(1, 2),
+        source_norm=(layer.source_norm.weight, layer.source_norm.bias),
+        wide=(layer.wide.weight, layer.wide.bias),
+        narrow=(layer.narrow.weight, layer.narrow.bias),
+        wide_norm=(layer.wide_norm.weight, layer.wide_norm.bias),
+    )
 
 
 def positions(longest: int, size: int) -> Float[Tensor, "t e"]:
