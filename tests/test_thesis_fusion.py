@@ -13,6 +13,7 @@ from fusionnet.dataset.sources import Sources
 from fusionnet.errors import CheckpointError, InputError
 from fusionnet.models import heads
 from fusionnet.models.hub import checkpoint_folder
+from fusionnet.models.labelled_boxes import Boxes
 from fusionnet.models.thesis_fusionnet import ThesisFusionNet
 from fusionnet.training import thesis_fusion
 from fusionnet.training.fusion_examples import FusionExamples
@@ -157,6 +158,66 @@ def test_one_of_four_sentences_is_drawn_and_the_target_is_left_alone(config):
     english = new_model(dataclasses.replace(config, writes="english"))
     said = [examples.example(0, english, np.random.default_rng(s)) for s in range(40)]
     assert len({e.target for e in said}) == 4
+
+
+def drawn_by_a_run(config, monkeypatch, batches=24):
+    """The pictures and the sentences, as numbers, of a run's first batches."""
+    seen = []
+
+    def take(model, make, *_, **__):
+        seen.extend(batch for batch, _ in zip(make(0), range(batches), strict=False))
+        return []
+
+    monkeypatch.setattr(thesis_fusion, "fit", take)
+    monkeypatch.setattr(thesis_fusion, "measure", lambda *_, **__: {})
+    thesis_fusion.run(config)
+    pictures = [picture.numpy().tobytes() for batch in seen for picture in batch.images]
+    said = [tuple(n for n in row if n) for batch in seen for row in batch.source.tolist()]
+    return pictures, said
+
+
+@pytest.mark.parametrize("pictures", [True, False])
+@pytest.mark.parametrize("sentences", [True, False])
+def test_pictures_and_sentences_are_noised_each_by_itself(config, monkeypatch, pictures, sentences):
+    chosen = dataclasses.replace(config, noised_pictures=pictures, noised_sentences=sentences)
+    seen, said = drawn_by_a_run(chosen, monkeypatch)
+    model = new_model(config)
+    examples = FusionExamples(config.dataset, "train", model.config.detector.frame)
+    clean = [examples.example(i, model) for i in range(len(examples))]
+    clean_pictures = {example.picture.tobytes() for example in clean}
+    clean_sentences = {example.source for example in clean}
+    noised = np.mean([picture not in clean_pictures for picture in seen])
+    other = np.mean([sentence not in clean_sentences for sentence in said])
+    assert noised == pytest.approx(0.75, abs=0.2) if pictures else noised == 0
+    assert other == pytest.approx(0.75, abs=0.2) if sentences else other == 0
+
+
+def test_both_are_noised_in_the_presets_as_in_the_thesis():
+    for preset in (ThesisFusionConfig, SmallThesisFusionConfig):
+        recipe = preset(dataset=Path("set"))
+        assert recipe.noised_pictures and recipe.noised_sentences
+
+
+def test_boxes_follow_a_noised_picture(config, monkeypatch):
+    model = new_model(config)
+    examples = FusionExamples(config.dataset, "train", model.config.detector.frame)
+    sample, picture, _ = examples.pictures.read(0)
+    marked = np.zeros_like(picture)
+    marked[40:50, 70:86] = 255
+    box = Boxes(torch.tensor([[70.0, 40.0, 86.0, 50.0]]), torch.tensor([3]), torch.ones(1))
+    monkeypatch.setattr(examples.pictures, "read", lambda _: (dict(sample), marked, box))
+    moved = 0
+    for seed in range(30):
+        example = examples.example(0, model, np.random.default_rng(seed))
+        rows, columns = np.nonzero(example.picture[..., 0] > 127)
+        around = np.array([columns.min(), rows.min(), columns.max() + 1, rows.max() + 1])
+        found = example.boxes.xyxy[0].numpy()
+        assert example.boxes.classes.tolist() == [3]
+        assert (np.abs(found - around) <= 2).all(), seed
+        moved += not np.array_equal(found, [70, 40, 86, 50])
+    assert 15 <= moved < 30
+    clean = examples.example(0, model, np.random.default_rng(1), pictures=False)
+    assert np.array_equal(clean.picture, marked)
 
 
 def test_weights_are_transferred_and_misfits_refused(config, tmp_path):

@@ -138,7 +138,14 @@ def _thesis(trial: Trial) -> Cosines:
     learnt = examples_of(config, "train", model.config.detector.frame)
 
     def batches(first: int) -> Iterator[Any]:
-        for examples in learnt.batches(model, config.batch, first, config.seed):
+        for examples in learnt.batches(
+            model,
+            config.batch,
+            first,
+            config.seed,
+            sentences=config.noised_sentences,
+            pictures=config.noised_pictures,
+        ):
             yield model.batch_of(examples)
 
     cosines = Cosines(model, LOSSES["thesis"], EVERY[trial.scale])

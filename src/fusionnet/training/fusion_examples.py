@@ -1,8 +1,9 @@
 """Stored samples as the thesis's FusionNet learns from them.
 
-Of each sample there is one picture, clean or noised when the data set was built, and four
-sentences, one clean and three noised; one of the four is drawn by chance each time the sample
-is seen (thesis, figure 4.5).
+Each time a sample is seen, one of four pictures and one of four sentences are drawn by chance,
+each one clean and three noised (thesis 7, figure 4.5). A data set keeps four sentences and one
+picture, of which the level-one noise was drawn when it was built; the clean picture is that one as
+it is, a noised one is moved by level-two noise, which is new every time (3.2.5).
 """
 
 from collections.abc import Iterator, Sequence
@@ -25,6 +26,9 @@ from fusionnet.views import LevelTwo
 
 LANGUAGE = ("sentence", "tree", "variants")
 COLUMNS = (*LANGUAGE, "joints", "before", "after", "robot")
+
+NOISED_PICTURES = 3
+"""Noised versions of each picture, beside the clean one (thesis 4.1.2, 7)."""
 
 
 class FusionExamples:
@@ -67,24 +71,26 @@ class FusionExamples:
         index: int,
         model: ThesisFusionNet,
         rng: np.random.Generator | None = None,
-        noise: LevelTwo | None = None,
+        *,
+        sentences: bool = True,
+        pictures: bool = True,
     ) -> Example:
         """One example for a model.
 
         Args:
             index: Number of the sample.
             model: Has the vocabularies and the scaling.
-            rng: Draws one of the four sentences and the noise; without it the clean sentence
-                and the picture as it is.
-            noise: Moves the picture and its boxes by level-two noise (3.2.5).
+            rng: Draws among clean and noised; without it both are clean.
+            sentences: Whether the sentence is drawn, or the clean one.
+            pictures: Whether the picture is drawn, with its boxes, or the clean one.
         """
         sample, picture, boxes = self._read(index)
         said = {"sentence": sample["sentence"], "tree": sample["tree"]}
-        if rng is not None:
+        if rng is not None and sentences:
             drawn = int(rng.integers(1 + len(sample["variants"])))
             said = sample["variants"][drawn - 1] if drawn else said
-            if noise is not None:
-                picture, boxes = moved(picture, boxes, noise, rng)
+        if rng is not None and pictures and rng.integers(1 + NOISED_PICTURES):
+            picture, boxes = moved(picture, boxes, LevelTwo(), rng)
         source, target = self._words(said["sentence"], sample["tree"], model.config.writes)
         longest = model.config.transformer.longest
         number = model.target.number
@@ -120,10 +126,19 @@ class FusionExamples:
         first: int,
         seed: int,
         *,
-        noised: bool = True,
-        noise: LevelTwo | None = None,
+        sentences: bool = True,
+        pictures: bool = True,
     ) -> Iterator[list[Example]]:
-        """Endless shuffled batches from step `first` on; the same for a resumed run."""
+        """Endless shuffled batches from step `first` on; the same for a resumed run.
+
+        Args:
+            model: Has the vocabularies and the scaling.
+            size: Examples of a batch.
+            first: Step to begin with.
+            seed: Of the order and of what is drawn.
+            sentences: As in `example`.
+            pictures: As in `example`.
+        """
         size = min(size, len(self))
         an_epoch = len(self) // size
         step = first
@@ -133,7 +148,10 @@ class FusionExamples:
             for start in range(row * size, an_epoch * size, size):
                 rng = generator(seed, "fusion examples", step)
                 chosen = order[start : start + size]
-                yield [self.example(int(i), model, rng if noised else None, noise) for i in chosen]
+                yield [
+                    self.example(int(i), model, rng, sentences=sentences, pictures=pictures)
+                    for i in chosen
+                ]
                 step += 1
 
 

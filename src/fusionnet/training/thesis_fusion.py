@@ -34,7 +34,6 @@ from fusionnet.training.loop import Progress, fit, is_first_process
 from fusionnet.training.thesis_fusion_config import ThesisFusionConfig
 from fusionnet.training.thesis_measures import measure
 from fusionnet.training.transfer import transfer_detector, transfer_transformer
-from fusionnet.views import LevelTwo
 
 log = logging.getLogger(__name__)
 
@@ -73,7 +72,6 @@ def run(
     model = new_model(config)
     learnt = examples_of(config, "train", model.config.detector.frame)
     checked = {s: examples_of(config, s, model.config.detector.frame) for s in config.check}
-    noise = LevelTwo() if config.noise else None
 
     def batches(first: int) -> Iterator[FusionBatch]:
         drawn = learnt.batches(
@@ -81,8 +79,8 @@ def run(
             config.batch,
             first,
             config.seed,
-            noised=config.noised_sentences,
-            noise=noise,
+            sentences=config.noised_sentences,
+            pictures=config.noised_pictures,
         )
         return (model.batch_of(examples) for examples in drawn)
 

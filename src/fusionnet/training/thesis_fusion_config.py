@@ -120,7 +120,8 @@ class ThesisFusionConfig:
         episodes: Samples of each split of `check` but train that are executed in the simulator.
         batch: Samples a step.
         crop: Whether pictures are cropped to the placement region.
-        noise: Whether training pictures are moved by level-two noise.
+        noised_pictures: Whether three of four training pictures are moved by level-two noise, their
+            boxes with them, or none (figure 4.5).
         noised_sentences: Whether one of four sentences is drawn, or always the clean one.
         keep: Whether pictures stay in memory once they are read.
         loop: Steps, optimiser, schedule, and the factor of each loss.
@@ -143,7 +144,7 @@ class ThesisFusionConfig:
     episodes: int = 0
     batch: int = 1
     crop: bool = True
-    noise: bool = False
+    noised_pictures: bool = True
     noised_sentences: bool = True
     keep: bool = False
     loop: LoopConfig = field(default_factory=thesis_loop)
