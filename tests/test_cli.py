@@ -64,8 +64,11 @@ def test_version(capsys) -> None:
     ("words", "message"),
     [
         (["rnu", "x"], "no command called 'rnu'; available: run, translate, simulate, doctor, "),
-        (["train"], "train what?; available: detector, translator, fusion."),
-        (["train", "detectr"], "cannot train 'detectr'; available: detector, translator, fusion. "),
+        (["train"], "train what?; available: policy, detector, translator, fusion."),
+        (
+            ["train", "detectr"],
+            "cannot train 'detectr'; available: policy, detector, translator, fusion. ",
+        ),
         (["evaluate", "--json"], "evaluate what?; available: policy, translator, detector."),
     ],
 )
@@ -173,3 +176,28 @@ def test_help_needs_no_torch_and_half_a_second() -> None:
     assert not {"torch", "mujoco", "tyro", "matplotlib"} & set(modules)
     assert float(seconds) < 0.5
     assert wall < 5.0  # generous: the machine may be busy
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        ("simulate --values foo bar", "--values: expected [FLOAT [FLOAT ...]], got 'foo', 'bar'."),
+        ("simulate --move 1 2 x", "--move: expected INT INT INT INT INT INT, got '1', '2', 'x'."),
+        ("simulate --valeus 1", "Unrecognized options: --valeus, 1. Did you mean '--values'?"),
+        ("run", "Missing from fusionnet run: SENTENCE."),
+        ("run hello --seed x", "--seed: expected INT, got 'x'."),
+        ("run hello --seed", "Missing value for argument '--seed'. Expected 1 values."),
+        ("run hello --eyes third", "Invalid choice 'third' for argument '--eyes'."),
+        ("train fusion --batch 0", "batch and threads must be at least 1, not 0 and 1."),
+        ("train detector", "At least one data set"),
+        ("corpus show one", "expected INT, got 'one'."),
+    ],
+)
+def test_what_is_wrong_with_options_is_said_in_one_line(words, said, capsys, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "40")
+    command = words.partition(" --")[0].removesuffix(" hello").removesuffix(" one")
+    assert cli.main(words.split()) == cli.EXIT_BAD_INPUT
+    out, err = capsys.readouterr()
+    assert err.startswith("fusionnet: ") and err.count("\n") == 1 and not out
+    assert said in err and err.endswith(f"See `fusionnet {command} --help`.\n")
+    assert os.environ["COLUMNS"] == "40"

@@ -69,6 +69,30 @@ def test_an_episode_that_looked_again_replays_to_the_same_end(capsys, tmp_path) 
     assert "is no result of" in capsys.readouterr().err
 
 
+def test_blocks_beside_their_cells_replay_to_the_same_end(capsys, tmp_path) -> None:
+    _, first = simulated(capsys, "--scene", "2")
+    assert first["episode"]["shifts_m"] == []
+    layouts = [layout_from_json(first[f"layout_{name}"]) for name in ("before", "expected")]
+    shifts = np.zeros((len(layouts[0].blocks), 2))
+    covered = {block.cell[:2] for block in layouts[0].blocks if block.cell.z}
+    alone = next(i for i, b in enumerate(layouts[0].blocks) if b.cell[:2] not in covered)
+    shifts[alone] = 0.004, -0.007
+    episode = make_world(layout=layouts[0], shifts=shifts).execute(
+        first["episode"]["targets"], layouts[1]
+    )
+    np.testing.assert_allclose(episode.shifts, shifts, atol=1e-9)
+    assert episode.errors[alone] == pytest.approx(1000 * np.hypot(*shifts[alone]), abs=0.1)
+    file = tmp_path / "result.json"
+    file.write_text(json.dumps(first | {"episode": episode.as_json()}))
+    _, again = simulated(capsys, str(file))
+    assert again["same_end_as_recorded"] is True
+    assert again["episode"] == episode.as_json()
+    for wrong, said in (([[1.0, 0.0]] * len(shifts), "out of its cell"), ([[0.0]], "is no result")):
+        file.write_text(json.dumps(first | {"episode": episode.as_json() | {"shifts_m": wrong}}))
+        assert main(["simulate", str(file)]) == 2
+        assert said in capsys.readouterr().err
+
+
 def test_given_cells_and_the_same_move_as_values_end_alike(capsys, layout) -> None:
     cells = ["--move", "2", "2", "0", "5", "6", "0", "--layout", layout]
     status, by_cells = simulated(capsys, *cells)

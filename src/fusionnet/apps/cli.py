@@ -6,7 +6,6 @@ answers at once. tyro turns the configuration into options; the work is in the l
 
 import dataclasses
 import importlib
-import inspect
 import json
 import logging
 import os
@@ -16,8 +15,9 @@ import typing
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
+from fusionnet.apps.options import parsed
 from fusionnet.catalogue import did_you_mean
-from fusionnet.errors import FusionNetError, InputError, UnknownNameError
+from fusionnet.errors import FusionNetError, UnknownNameError
 
 EXIT_REACHED = 0
 EXIT_MISSED = 1
@@ -221,20 +221,9 @@ def _call(
     A function that returns a number returned its exit status; what else one returns
     (a metric, a path) is printed as JSON.
     """
-    import tyro
-
-    try:
-        config: Any = tyro.cli(
-            config_type,
-            args=arguments,
-            prog=f"fusionnet {name}",
-            description=inspect.getdoc(function),
-            config=(tyro.conf.FlagCreatePairsOff, tyro.conf.DisallowNone),
-        )
-    except SystemExit as exit_:  # tyro has said what was wrong, or printed the help
-        return exit_.code if isinstance(exit_.code, int) else EXIT_BAD_INPUT
-    except ValueError as error:  # a configuration refuses its values
-        raise InputError(str(error)) from error
+    config = parsed(config_type, function, name, arguments)
+    if config is None:
+        return EXIT_REACHED
     result = function(config)
     if isinstance(result, int):
         return result

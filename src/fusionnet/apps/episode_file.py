@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from fusionnet.apps.output_folder import RESULT_FILE
-from fusionnet.blocks import Layout, layout_from_json
+from fusionnet.blocks import BLOCK_SIZE, Layout, layout_from_json
 from fusionnet.errors import InputError
 from fusionnet.simulation import Episode, World
 
@@ -24,6 +24,8 @@ class RecordedEpisode:
     Attributes:
         robot: Who did it.
         before: The layout in which it began.
+        shifts: Displacement of each block from its cell then, along x and y of the board, in
+            metres; None if all stood in the middle.
         targets: What was executed.
         corrections: By how much the pinch was moved where the arm looked again, in metres.
         expected: The layout that should have come out, if that was known.
@@ -32,6 +34,7 @@ class RecordedEpisode:
 
     robot: str
     before: Layout
+    shifts: Float[np.ndarray, "n 2"] | None
     targets: Float[np.ndarray, " k"]
     corrections: dict[str, Float[np.ndarray, "3"]]
     expected: Layout | None
@@ -66,6 +69,8 @@ def read_episode(path: Path) -> RecordedEpisode:
             phase: np.array(shift, dtype=float).reshape(3)
             for phase, shift in episode.get("corrections_m", {}).items()
         }
+        given = episode.get("shifts_m", [])
+        shifts = np.array(given, dtype=float).reshape(len(before.blocks), 2) if given else None
         end = _end_of(episode)
     except InputError as error:
         raise InputError(f"{file}: {error}") from None
@@ -78,9 +83,12 @@ def read_episode(path: Path) -> RecordedEpisode:
         raise InputError(f"{file}: the robot is a name, not {robot!r}.")
     if not all(np.isfinite(shift).all() for shift in corrections.values()):
         raise InputError(f"{file}: a correction is not finite.")
+    if shifts is not None and not (np.abs(shifts) <= BLOCK_SIZE / 2).all():
+        raise InputError(f"{file}: a block is shifted out of its cell, by more than half of it.")
     return RecordedEpisode(
         robot=robot,
         before=before,
+        shifts=shifts,
         targets=targets,
         corrections=corrections,
         expected=expected,

@@ -108,11 +108,12 @@ def simulate(config: SimulateConfig) -> int:
     inverse kinematics. Exit status 1 means that the world did not end as it should.
     """
     task = _task(config)
-    world = make_world(task.robot, layout=task.layout)
+    recorded = task.recorded
+    shifts = None if recorded is None else recorded.shifts
+    world = make_world(task.robot, layout=task.layout, shifts=shifts)
     viewer = world.watch() if config.viewer else None
     begin = time.perf_counter()
     try:
-        recorded = task.recorded
         episode = world.execute(
             task.targets,
             task.expected,
@@ -125,7 +126,7 @@ def simulate(config: SimulateConfig) -> int:
     wall = time.perf_counter() - begin
     if config.video is not None:
         episode.video(config.video)
-    same_end = None if task.recorded is None else task.recorded.ends_like(episode)
+    same_end = None if recorded is None else recorded.ends_like(episode)
     missed = episode.success is False or same_end is False
     status = EXIT_MISSED if missed else EXIT_REACHED
     document = {

@@ -19,6 +19,9 @@ from fusionnet.simulation.tabletop import BlockPoses, cell_at, cell_center
 TIPPED = np.deg2rad(20.0)
 """A block that leans further than this does not stand in its cell, wherever its centre is."""
 
+_PLACES = 12
+"""Of shifts in metres: what remains is the noise of floating point."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class Phase:
@@ -68,6 +71,8 @@ class Episode:
         corrections: How far the pinch was moved from the answered "grasp" and "place" where it was
             looked again, in the robot frame, in metres; empty where it was not.
         grasp_model: How grasping is simulated.
+        shifts: How far each block stood beside the middle of its cell when the episode began,
+            along x and y of the board, in metres.
         recording: States for a film, if recorded.
     """
 
@@ -85,6 +90,7 @@ class Episode:
     phases: tuple[Phase, ...]
     corrections: Mapping[str, Float[np.ndarray, "3"]] = field(default_factory=dict)
     grasp_model: str = field(default_factory=describe_grasp_model)
+    shifts: Float[np.ndarray, "n 2"] = field(default_factory=lambda: np.zeros((0, 2)))
     recording: Recording | None = None
 
     def video(self, path: str | Path, camera: str = "external") -> None:
@@ -133,6 +139,7 @@ class Episode:
                 name: [float(value) for value in shift] for name, shift in self.corrections.items()
             },
             "grasp_model": self.grasp_model,
+            "shifts_m": self.shifts.tolist() if self.shifts.any() else [],
         }
 
 
@@ -161,6 +168,13 @@ def measured_layout(
         Block(block.color, block.shape, cell) for block, cell in zip(blocks, cells, strict=True)
     )
     return Layout(found, Gripper(hand, closed))
+
+
+def measured_shifts(robot: Robot, poses: BlockPoses) -> Float[np.ndarray, "n 2"]:
+    """How far each block stands beside the middle of its cell, along x and y of the board (m)."""
+    centers = apply(invert(robot.robot_from_board), poses.positions)
+    middles = np.array([cell_center(cell_at(center)) for center in centers]).reshape(-1, 3)
+    return (centers - middles)[:, :2].round(_PLACES)
 
 
 def judge(

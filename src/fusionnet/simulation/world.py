@@ -13,7 +13,13 @@ from fusionnet.errors import InputError
 from fusionnet.randomness import generator
 from fusionnet.robots import ArmKinematics, Robot
 from fusionnet.simulation.appearance import Appearance
-from fusionnet.simulation.episode import Episode, Recording, judge, measured_layout
+from fusionnet.simulation.episode import (
+    Episode,
+    Recording,
+    judge,
+    measured_layout,
+    measured_shifts,
+)
 from fusionnet.simulation.execution import Execution
 from fusionnet.simulation.hand import Hand
 from fusionnet.simulation.motion import PathPlanner, even_motion
@@ -275,6 +281,7 @@ class World:
             seconds=hand.seconds - start,
             phases=tuple(run.phases),
             corrections=corrections,
+            shifts=measured_shifts(self.robot, before),
             recording=self._recording() if record else None,
         )
         hand.frames = None
