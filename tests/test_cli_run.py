@@ -223,11 +223,11 @@ BAD_INPUTS = {
     "corpus elsewhere": lambda t: [
         SENTENCE, "--scene", "1", "--corpus", "treebank", "--data", str(t)
     ],
-    "unknown policy": lambda t: [SENTENCE, "--policy", "fusoin"],
-    "checkpoint is missing": lambda t: [SENTENCE, "--policy", str(t / "nowhere")],
-    "checkpoint is empty": lambda t: [SENTENCE, "--policy", str(t)],
-    "checkpoint is cut short": lambda t: [SENTENCE, "--policy", cut_short(t)],
-    "checkpoint of another version": lambda t: [SENTENCE, "--policy", of_version_0(t)],
+    "unknown checkpoint": lambda t: [SENTENCE, "--checkpoint", "compat"],
+    "checkpoint is missing": lambda t: [SENTENCE, "--checkpoint", str(t / "nowhere")],
+    "checkpoint is empty": lambda t: [SENTENCE, "--checkpoint", str(t)],
+    "checkpoint is cut short": lambda t: [SENTENCE, "--checkpoint", cut_short(t)],
+    "checkpoint of another version": lambda t: [SENTENCE, "--checkpoint", of_version_0(t)],
     "output is a file": lambda t: [SENTENCE, "--out", written(t, "out", "mine")],
     "output holds other files": lambda t: [SENTENCE, "--out", str(Path(layout_in(t)).parent)],
     "output cannot be made": lambda t: [SENTENCE, "--out", "/dev/null/out"],

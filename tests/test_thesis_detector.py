@@ -14,10 +14,11 @@ from fusionnet.errors import DataError, InputError, UnknownNameError
 from fusionnet.models.anchors import AnchorShapes
 from fusionnet.models.detectors import THESIS_FRAME
 from fusionnet.models.heads.boxes import Boxes
+from fusionnet.models.placement import placement_crop
 from fusionnet.models.retinanet import RetinaNet
 from fusionnet.randomness import generator
 from fusionnet.training import thesis_detector
-from fusionnet.training.placement_pictures import PlacementPictures, moved, placement_crop, within
+from fusionnet.training.placement_pictures import PlacementPictures, moved, within
 from fusionnet.training.thesis_detector import ThesisDetectorConfig, thesis_loop, train
 from fusionnet.views import LevelTwo
 from tiny_treebank import write_tiny_treebank
@@ -100,7 +101,9 @@ def test_pictures_are_cropped_in_their_aspect_with_their_boxes(stored):
         picture, boxes = pictures[index]
         assert picture.shape == (540, 990, 3)
         sample = pictures.samples[index]
-        left, top, right, bottom = placement_crop(sample, (320, 180))
+        matrix = np.array(sample["camera"]["matrix"]).reshape(3, 3)
+        pose = np.array(sample["camera"]["camera_from_board"]).reshape(4, 4)
+        left, top, right, bottom = placement_crop(matrix, pose, (320, 180))
         assert abs((right - left) / (bottom - top) - 320 / 180) < 0.03
         for (x0, y0, x1, y1), kind in zip(boxes.xyxy.int(), boxes.classes, strict=True):
             if CLASS_NAMES[int(kind)] == "cube_red":

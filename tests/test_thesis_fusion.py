@@ -84,13 +84,17 @@ def test_training_writes_a_checkpoint_that_answers_alike_and_a_card(config):
     assert model.config.joint_limits == new_model(config).config.joint_limits
     images = torch.randint(0, 255, (2, 88, 160, 3), dtype=torch.uint8)
     said = ["Put the red block down", "xyzzy"]
-    joints, found = model.answer(images, said)
+    joints, written, found = model.answer(images, said)
     assert joints.shape == (2, 14) and set(found) == set(model.config.heads)
+    assert len(written) == 2 and {t for w in written for t in w} <= {
+        *model.config.target,
+        "<unknown>",
+    }
     low, high = np.array(model.config.joint_limits).T
     assert (joints >= low - 1e-9).all() and (joints <= high + 1e-9).all()
     model.save_pretrained(config.out.parent / "again")
     again = ThesisFusionNet.from_pretrained(str(config.out.parent / "again"))
-    assert np.array_equal(again.answer(images, said)[0], joints)
+    assert np.array_equal(again.answer(images, said).joints, joints)
     card = (config.out / "README.md").read_text()
     assert "library_name: fusionnet" in card and "## Limits" in card and "joint mse" in card
 

@@ -18,7 +18,8 @@ from fusionnet.apps import cli
 from fusionnet.corpora import load_corpus
 from fusionnet.errors import CheckpointError, DataError, InputError, NotUnderstoodError
 from fusionnet.evaluation.translation import TranslationEvaluation, evaluate
-from fusionnet.models.transformer import END, START, Transformer, text_of
+from fusionnet.models.target_text import text_of
+from fusionnet.models.transformer import END, START, Transformer
 from fusionnet.models.transformer_network import (
     TransformerConfig,
     TransformerNetwork,

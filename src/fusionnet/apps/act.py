@@ -13,7 +13,7 @@ from fusionnet.apps.run_record import Reference, RunRecord
 from fusionnet.apps.setting import Setting
 from fusionnet.blocks import Layout, Shape, apply, plan, validate
 from fusionnet.errors import FusionNetError, InputError, NotUnderstoodError, PlanningError
-from fusionnet.policy import Answer, Policy, Servo
+from fusionnet.policy import Answer, Policy, Servo, ThesisAnswer, ThesisPolicy
 from fusionnet.sentences import words_of
 from fusionnet.simulation import make_world
 
@@ -28,7 +28,7 @@ def look_and_act(
     config: RunConfig,
     setting: Setting,
     picture: UInt8[np.ndarray, "h w 3"] | None,
-    policy: Policy,
+    policy: Policy | ThesisPolicy,
     seconds: dict[str, float],
     film: bool = True,
 ) -> RunRecord:
@@ -60,13 +60,14 @@ def look_and_act(
         if recorded is not None:
             expected, reference = recorded, "recorded"
         else:
-            expected, reference = _planned(answer, world.layout), "understood"
+            expected = _planned(answer, world.layout)
+            reference = None if expected is None else "understood"
     else:
         views = [picture]
         with timed(seconds, "answer"):
             answer = policy(views, config.sentence)
         with timed(seconds, "world"):
-            world = make_world(robot=robot, seed=seed, layout=_as_read(answer.layout))
+            world = make_world(robot=robot, seed=seed, layout=_as_read(answer))
     before = world.layout
     with timed(seconds, "episode"):
         episode = world.execute(
@@ -78,6 +79,7 @@ def look_and_act(
     return RunRecord(
         sentence=config.sentence,
         policy=config.policy,
+        checkpoint=config.checkpoint,
         robot=robot,
         origin=setting.origin,
         seed=seed,
@@ -92,12 +94,18 @@ def look_and_act(
     )
 
 
-def _as_read(layout: Layout) -> Layout:
+def _as_read(answer: Answer | ThesisAnswer) -> Layout:
     """The layout that a network read in a picture, if blocks could stand so.
 
     Raises:
-        InputError: If they could not.
+        InputError: If they could not, or the network reads none.
     """
+    if isinstance(answer, ThesisAnswer):
+        raise InputError(
+            "The thesis's FusionNet reads no layout from a picture, so there is no world for the "
+            "arm to move in. Leave the picture out, or choose another checkpoint."
+        )
+    layout = answer.layout
     try:
         validate(layout)
     except InputError as error:
@@ -115,12 +123,12 @@ def _recorded(sentence: str, setting: Setting) -> Layout | None:
 
 
 def _answer(
-    policy: Policy,
+    policy: Policy | ThesisPolicy,
     views: list[UInt8[np.ndarray, "h w 3"]],
     sentence: str,
     recorded: Layout | None,
     layout: Layout,
-) -> Answer:
+) -> Answer | ThesisAnswer:
     """The policy's answer.
 
     Raises:
@@ -138,13 +146,21 @@ def _answer(
         raise
 
 
-def _planned(answer: Answer, layout: Layout) -> Layout:
+def _planned(answer: Answer | ThesisAnswer, layout: Layout) -> Layout | None:
     """The layout that the planner reaches by executing the command, as it was read.
+
+    None where the thesis's FusionNet wrote no tree, or one that cannot be executed: it moves all
+    the same.
 
     Raises:
         PlanningError: If no reading of the sentence can be executed there: it names no
             block that is there, or several.
     """
+    if isinstance(answer, ThesisAnswer):
+        try:
+            return None if answer.tree is None else apply(plan(answer.tree, layout), layout)
+        except PlanningError:
+            return None
     refusals = []
     for tree in (answer.tree, *(reading.tree for reading in answer.readings)):
         try:

@@ -10,11 +10,11 @@ from html import escape
 from importlib import resources
 from typing import Any
 
-from fusionnet import rcl
 from fusionnet.apps.board_drawing import board_svg, highest_level
 from fusionnet.apps.drawing import Box, draw_boxes, webp
 from fusionnet.blocks import Cell
 from fusionnet.evaluation.policy import Watched
+from fusionnet.policy import Answer
 
 MOST = 100
 """Failures that a page shows; with more it would not open."""
@@ -116,16 +116,18 @@ def _card(watched: Watched) -> str:
     if answer is not None:
         facts += [
             ("pointed at", f"{_cell(answer.source_cell)} to {_cell(answer.target_cell)}"),
-            ("understood", rcl.describe(answer.tree)),
-            ("confidence", f"{answer.confidence:.0%}; the planner's vote {answer.agreement:.0%}"),
+            ("understood", answer.understood),
             (
                 "joint error",
                 f"grasp {record.grasp_degrees:.2f}°, place {record.place_degrees:.2f}°",
             ),
         ]
+    if isinstance(answer, Answer):
+        sure = f"{answer.confidence:.0%}; the planner's vote {answer.agreement:.0%}"
+        facts.append(("confidence", sure))
     listed = "".join(f"<dt>{escape(k)}</dt><dd>{escape(v)}</dd>" for k, v in facts)
     layouts = [(command.scene.before, watched.wanted, "as it was; the arrow was asked for")]
-    if answer is not None:
+    if isinstance(answer, Answer):
         layouts.append((answer.layout, answer.move, "as it was read; the arrow is the planner's"))
     levels = 1 + max(highest_level(layout, move) for layout, move, _ in layouts)
     drawn = "".join(
@@ -142,5 +144,5 @@ def _card(watched: Watched) -> str:
 """
 
 
-def _cell(cell: Cell) -> str:
-    return f"({cell.x}, {cell.y}, {cell.z})"
+def _cell(cell: Cell | None) -> str:
+    return "off the board" if cell is None else f"({cell.x}, {cell.y}, {cell.z})"

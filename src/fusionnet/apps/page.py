@@ -26,14 +26,19 @@ from fusionnet.apps.run_record import RunRecord
 
 
 def page(
-    record: RunRecord, *, seen: np.ndarray, tree_svg: str, video: bytes, document: dict[str, Any]
+    record: RunRecord,
+    *,
+    seen: np.ndarray,
+    tree_svg: str | None,
+    video: bytes,
+    document: dict[str, Any],
 ) -> str:
     """The whole page as HTML.
 
     Args:
         record: What happened.
         seen: The picture with its boxes drawn, RGB.
-        tree_svg: The tree's picture, as `draw_tree` wrote it.
+        tree_svg: The tree's picture, as `draw_tree` wrote it; None without a tree.
         video: The episode, as mp4.
         document: What result.json holds.
     """
@@ -76,6 +81,7 @@ def _header(record: RunRecord) -> str:
     total = sum(record.answer.milliseconds.values())
     facts = [
         ("policy", record.policy),
+        ("checkpoint", record.checkpoint),
         ("robot", record.robot),
         ("scene", record.origin),
         ("answered in", duration(total)),

@@ -12,29 +12,34 @@ from fusionnet.apps.board_drawing import board_svg, heat_svg, highest_level
 from fusionnet.apps.drawing import around, spotlight, webp
 from fusionnet.apps.run_record import RunRecord
 from fusionnet.blocks import Layout, Move
+from fusionnet.policy import Answer
 
 
-def understood(record: RunRecord, tree_svg: str) -> str:
+def understood(record: RunRecord, tree_svg: str | None) -> str:
     """What was understood: in English, as a tree over its words, and as text."""
-    tree = record.answer.tree
+    answer = record.answer
+    said = f'<p class="said">{escape(answer.understood)}</p>'
+    if answer.tree is None or tree_svg is None:
+        return f"<section>\n<h2>What it understood</h2>\n{said}\n</section>\n"
+    considered = answer.readings if isinstance(answer, Answer) else ()
     readings = "".join(
         f"<tr><td>{escape(rcl.describe(reading.tree))}</td>"
         f'<td class="number">{reading.probability:.1%}</td>'
         f'<td class="wide">{_bar(reading.probability)}</td></tr>'
-        for reading in record.answer.readings
+        for reading in considered
     )
     others = (
         f"<details><summary>All readings that were considered, with their probabilities</summary>"
         f'<div class="scroll"><table>{readings}</table></div></details>'
-        if len(record.answer.readings) > 1
+        if len(considered) > 1
         else ""
     )
     return f"""<section>
 <h2>What it understood</h2>
-<p class="said">{escape(rcl.describe(tree))}</p>
+{said}
 <div class="scroll">{_themed(tree_svg)}</div>
 <details open><summary>As Robot Command Language</summary>
-<pre>{escape(rcl.format(tree))}</pre></details>
+<pre>{escape(rcl.format(answer.tree))}</pre></details>
 {others}</section>
 """
 
@@ -58,9 +63,13 @@ def _themed(tree_svg: str) -> str:
 def boards(record: RunRecord) -> str:
     """The layout as it was read, as it was, and as it became."""
     answer = record.answer
-    figures: list[tuple[Layout, Move | None, str]] = [
-        (answer.layout, answer.move, "as the network read the picture")
-    ]
+    figures: list[tuple[Layout, Move | None, str]] = []
+    said = ""
+    if isinstance(answer, Answer):
+        figures.append((answer.layout, answer.move, "as the network read the picture"))
+        said = f"""<p>The arrow is the move that the planner makes of the command in what was read;
+{answer.agreement:.0%} of the layouts sampled from the picture agree on it.</p>
+"""
     if not record.layout_is_read:
         figures.append((record.layout, None, "as it was"))
     figures.append((record.episode.layout_after, None, "after the episode"))
@@ -72,9 +81,7 @@ def boards(record: RunRecord) -> str:
     )
     return f"""<section>
 <h2>The board</h2>
-<p>The arrow is the move that the planner makes of the command in what was read;
-{answer.agreement:.0%} of the layouts sampled from the picture agree on it.</p>
-<div class="boards">{drawn}</div>
+{said}<div class="boards">{drawn}</div>
 </section>
 """
 
@@ -82,7 +89,7 @@ def boards(record: RunRecord) -> str:
 def attended(record: RunRecord) -> str:
     """For each part of the command: its words, and what they were taken to be in the picture."""
     answer = record.answer
-    if not answer.attention:
+    if not isinstance(answer, Answer) or not answer.attention:
         return ""
     part = around(record.boxes, record.picture.shape[1::-1])
     cards = "".join(
@@ -155,7 +162,9 @@ def answered(record: RunRecord) -> str:
 
 def reckoned(record: RunRecord) -> str:
     """Time by stage, and confidence."""
-    milliseconds = record.answer.milliseconds
+    answer = record.answer
+    milliseconds = answer.milliseconds
+    sure = f"; confidence in the move {answer.confidence:.0%}" if isinstance(answer, Answer) else ""
     total = sum(milliseconds.values())
     rows = "".join(
         f'<tr><td>{escape(stage.replace("_", " "))}</td><td class="number">{duration(value)}</td>'
@@ -164,7 +173,7 @@ def reckoned(record: RunRecord) -> str:
     )
     return f"""<section class="half">
 <h2>How long, how sure</h2>
-<p>{duration(total)} to answer; confidence in the move {record.answer.confidence:.0%}.</p>
+<p>{duration(total)} to answer{sure}.</p>
 <table>{rows}</table>
 </section>
 """

@@ -12,14 +12,9 @@ import tyro
 from fusionnet.apps.cli import EXIT_MISSED
 from fusionnet.apps.output_folder import check_writable
 from fusionnet.apps.setting import setting_of
-from fusionnet.catalogue import did_you_mean
-from fusionnet.errors import DoubtError, UnknownNameError
+from fusionnet.errors import DoubtError
 from fusionnet.sentences import readable_words
 from fusionnet.views.picture_file import read_picture
-
-Kind = Literal["fusion", "symbolic"]
-
-POLICIES: dict[str, Kind] = {"fusion": "fusion", "symbolic": "symbolic"}
 
 
 def _says(default: str) -> Any:
@@ -52,8 +47,11 @@ class RunConfig:
     seed: Annotated[int | None, _says("")] = None
     """Seed of a random scene, and of the symbolic policy's samples."""
 
-    policy: str = "fusion"
-    """What answers: "fusion", "symbolic", or checkpoints: a folder, or owner/name on the hub."""
+    policy: Literal["fusion", "symbolic"] = "fusion"
+    """Whose joint angles are answered: the network's, or the planner's."""
+
+    checkpoint: str = "compact"
+    """Networks: a shipped name, a folder of your own, or owner/name on the hub."""
 
     eyes: Literal["left", "both"] = "left"
     """Whether the left eye looks, or both."""
@@ -78,7 +76,6 @@ def run(config: RunConfig) -> int:
     """
     out = config.out if config.out is not None or config.json else Path("fusionnet-run")
     readable_words(config.sentence)
-    kind, checkpoint = _policy_choice(config.policy)
     setting = setting_of(
         scene=config.scene,
         corpus=config.corpus,
@@ -101,8 +98,8 @@ def run(config: RunConfig) -> int:
     # busy one it waits twenty times longer than it works.
     torch.set_num_threads(1)
     policy = load_policy(
-        checkpoint,
-        kind,
+        config.checkpoint,
+        config.policy,
         seed=config.seed or 0,
         check=config.check,
         displaced=config.closed_loop,
@@ -122,15 +119,3 @@ def run(config: RunConfig) -> int:
 
         print_summary(record, out)
     return record.status
-
-
-def _policy_choice(name: str) -> tuple[Kind, str]:
-    """The kind of policy, and the checkpoint that it is loaded from."""
-    if name in POLICIES:
-        return POLICIES[name], "compact"
-    if "/" in name or Path(name).exists():  # a folder, or a name on the hub
-        return "fusion", name
-    raise UnknownNameError(
-        f"No policy called {name!r}; available: {', '.join(POLICIES)}, or the folder or hub name "
-        f"of checkpoints.{did_you_mean(name, list(POLICIES))}"
-    )

@@ -21,7 +21,7 @@ FILES = (
     "episode.mp4",
     "index.html",
 )
-"""What a run's folder holds beside result.json."""
+"""What a run's folder holds beside result.json; no tree.png where no tree was written."""
 
 
 def write_folder(record: RunRecord, out: Path) -> None:
@@ -35,14 +35,14 @@ def write_folder(record: RunRecord, out: Path) -> None:
         Image.fromarray(record.picture).save(folder / "picture.png")
         seen = draw_boxes(record.picture, record.boxes)
         Image.fromarray(seen).save(folder / "boxes.png")
-        text = (
-            f"{record.sentence}\n\n{rcl.describe(answer.tree)}\n\n{rcl.outline(answer.tree)}\n\n"
-            f"{rcl.format(answer.tree)}\n"
-        )
+        text = f"{record.sentence}\n\n{answer.understood}\n"
+        tree_svg = None
+        if answer.tree is not None:
+            text += f"\n{rcl.outline(answer.tree)}\n\n{rcl.format(answer.tree)}\n"
+            draw_tree(answer.tree, record.words, folder / "tree.png", folder / "tree.svg")
+            tree_svg = (folder / "tree.svg").read_text(encoding="utf-8")
+            (folder / "tree.svg").unlink()
         (folder / "tree.txt").write_text(text, encoding="utf-8")
-        draw_tree(answer.tree, record.words, folder / "tree.png", folder / "tree.svg")
-        tree_svg = (folder / "tree.svg").read_text(encoding="utf-8")
-        (folder / "tree.svg").unlink()
         joints = {
             "joints": list(robots.load(record.robot).joint_names),
             "unit": "rad",
@@ -54,7 +54,7 @@ def write_folder(record: RunRecord, out: Path) -> None:
         (folder / "joint_angles.json").write_text(json.dumps(joints, indent=1) + "\n")
         record.episode.video(folder / "episode.mp4")
         video = (folder / "episode.mp4").read_bytes()
-        document = record.as_json(FILES)
+        document = record.as_json([n for n in FILES if n != "tree.png" or answer.tree is not None])
         html = page(record, seen=seen, tree_svg=tree_svg, video=video, document=document)
         (folder / "index.html").write_text(html, encoding="utf-8")
         result = json.dumps(document, indent=1, allow_nan=False)

@@ -13,7 +13,7 @@ from fusionnet.apps.cli import EXIT_MISSED, EXIT_REACHED
 from fusionnet.apps.drawing import Box
 from fusionnet.apps.output_folder import RESULT_KIND
 from fusionnet.blocks import Layout, layout_to_json
-from fusionnet.policy import Answer
+from fusionnet.policy import Answer, ThesisAnswer
 from fusionnet.rcl import format as format_tree
 from fusionnet.sentences import tokenize
 from fusionnet.simulation import Episode
@@ -35,6 +35,7 @@ class RunRecord:
     Attributes:
         sentence: What was said.
         policy: Which policy answered.
+        checkpoint: Where its networks come from.
         robot: Which robot moved.
         origin: Where the scene came from, in words.
         seed: Everything random derives from it.
@@ -51,11 +52,12 @@ class RunRecord:
 
     sentence: str
     policy: str
+    checkpoint: str
     robot: str
     origin: str
     seed: int
     picture: UInt8[np.ndarray, "h w 3"]
-    answer: Answer
+    answer: Answer | ThesisAnswer
     episode: Episode
     layout: Layout
     layout_is_read: bool
@@ -106,6 +108,7 @@ class RunRecord:
             "schema_version": SCHEMA_VERSION,
             "sentence": self.sentence,
             "policy": self.policy,
+            "checkpoint": self.checkpoint,
             "robot": self.robot,
             "origin": self.origin,
             "seed": self.seed,
@@ -114,7 +117,7 @@ class RunRecord:
             "exit_status": self.status,
             "reference": self.reference,
             "words": self.words,
-            "tree": format_tree(self.answer.tree),
+            "tree": None if self.answer.tree is None else format_tree(self.answer.tree),
             "layout_before": layout_to_json(self.layout),
             "layout_before_is_read_from_the_picture": self.layout_is_read,
             "layout_expected": None if self.expected is None else layout_to_json(self.expected),

@@ -12,6 +12,7 @@ from rich.text import Text
 from fusionnet import rcl, robots
 from fusionnet.apps.drawing import PAINT, hexadecimal
 from fusionnet.apps.run_record import RunRecord
+from fusionnet.policy import Answer
 
 _GUTTER = 11
 """Columns for the headings at the left."""
@@ -31,12 +32,18 @@ def print_summary(record: RunRecord, out: Path | None, console: Console | None =
     table.add_column()
     answer = record.answer
     table.add_row("said", Text(record.sentence, style="bold"))
-    table.add_row("scene", f"{escape(record.origin)}; {record.robot}, policy {record.policy}")
+    table.add_row(
+        "scene",
+        f"{escape(record.origin)}; {record.robot}, policy {record.policy} of "
+        f"{escape(record.checkpoint)}",
+    )
     table.add_row("saw", _saw(record))
-    table.add_row("understood", Text(rcl.describe(answer.tree)))
-    table.add_row("", Text(rcl.format(answer.tree, tokens=False), style="dim"))
-    source, target = tuple(answer.move.source), tuple(answer.move.target)
-    table.add_row("planned", f"cell {source} to {target}, sure to {answer.confidence:.0%}")
+    table.add_row("understood", Text(answer.understood))
+    if answer.tree is not None:
+        table.add_row("", Text(rcl.format(answer.tree, tokens=False), style="dim"))
+    if isinstance(answer, Answer):
+        source, target = tuple(answer.move.source), tuple(answer.move.target)
+        table.add_row("planned", f"cell {source} to {target}, sure to {answer.confidence:.0%}")
     names = robots.load(record.robot).joint_names
     table.add_row("answered", Text("".join(f"{_short(name):>9}" for name in names), style="dim"))
     for name, pose in (("grasp", answer.grasp), ("place", answer.place)):

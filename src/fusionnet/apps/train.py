@@ -91,7 +91,7 @@ def policy(config: PolicyConfig) -> dict[str, Any]:
     """Train a whole policy: pictures, both eyes' detectors, translator and FusionNet.
 
     A night on two cores. A run that was stopped goes on where its `--work` folder says. Prints
-    the metrics of every part as JSON; `fusionnet run --policy OUT` moves by it.
+    the metrics of every part as JSON; `fusionnet run --checkpoint OUT` moves by it.
     """
     with bars() as bar:
         return train_policy(config, bar)

@@ -18,7 +18,7 @@ from fusionnet.blocks import Layout, Move, apply, plan
 from fusionnet.corpora import Command, load_corpus
 from fusionnet.errors import DoubtError, InputError, NotUnderstoodError, PlanningError
 from fusionnet.evaluation.intervals import wilson_interval
-from fusionnet.policy import Answer, Kind, Policy, Servo, load_policy
+from fusionnet.policy import Answer, Kind, Policy, Servo, ThesisAnswer, ThesisPolicy, load_policy
 from fusionnet.randomness import derived_seed, generator
 from fusionnet.rcl import Tree
 from fusionnet.robots import Robot
@@ -42,7 +42,8 @@ class PolicyEvaluation:
         data: Folder of the corpus's files.
         split: Part of the corpus: train, val or test.
         policy: `fusion` or `symbolic`.
-        checkpoint: A shipped name or a folder of checkpoints.
+        checkpoint: A shipped name, a folder of checkpoints, or owner/name on the hub; or the
+            checkpoint of a FusionNet of the thesis.
         episodes: How many; commands are drawn again, in other looks, if there are fewer.
         eyes: Whether the left eye looks, or both.
         check: Whether the policy refuses to move where its two kinds disagree.
@@ -108,7 +109,7 @@ class Watched:
     command: Command
     wanted: Move
     image: UInt8[np.ndarray, "h w 3"]
-    answer: Answer | None
+    answer: Answer | ThesisAnswer | None
 
 
 @dataclass
@@ -175,8 +176,8 @@ def evaluate(
         watch: Called with every episode.
 
     Raises:
-        InputError: If no episodes are asked for, a disturbance is negative, or the part has no
-            commands.
+        InputError: If no episodes are asked for, a disturbance is negative, the part has no
+            commands, or the policy cannot do what it is asked for.
     """
     if config.episodes < 1:
         raise InputError(f"At least one episode is needed; received {config.episodes}.")
@@ -209,7 +210,9 @@ def evaluate(
     return report
 
 
-def _episode(policy: Policy, command: Command, config: PolicyEvaluation, index: int) -> Watched:
+def _episode(
+    policy: Policy | ThesisPolicy, command: Command, config: PolicyEvaluation, index: int
+) -> Watched:
     before = command.scene.before
     look = Appearance.sample(
         generator(config.seed, "look", config.split, index), strength=config.strength
@@ -252,7 +255,7 @@ def _episode(policy: Policy, command: Command, config: PolicyEvaluation, index: 
 
 
 def _disturbed(
-    robot: Robot, answer: Answer, config: PolicyEvaluation, index: int
+    robot: Robot, answer: Answer | ThesisAnswer, config: PolicyEvaluation, index: int
 ) -> Float[np.ndarray, " k"]:
     """The answer's values with an error of each joint, within the joints' limits."""
     targets = np.array(answer.targets, dtype=float)
@@ -281,23 +284,28 @@ def joint_errors(robot: Robot, given: np.ndarray, wanted: np.ndarray) -> tuple[f
     return squared, float(degrees[: middle - 1].mean()), float(degrees[middle:-1].mean())
 
 
-def _blame_refusal(error: Exception, policy: Policy, command: Command, after: Layout) -> Outcome:
+def _blame_refusal(
+    error: Exception, policy: Policy | ThesisPolicy, command: Command, after: Layout
+) -> Outcome:
     """Why a command was refused; of a planner's refusal, whether it was read or seen wrong."""
     if isinstance(error, NotUnderstoodError):
         return "not understood"
     if isinstance(error, DoubtError):
         return "doubted"
+    assert isinstance(policy, Policy)  # the other one does not plan
     before = command.scene.before
     readings = policy.translator.translate(command.sentence, holding=before.held is not None)
     return "saw wrong" if _reaches(readings[0].tree, before, after) else "read wrong"
 
 
-def _blame(answer: Answer, wanted: Move, before: Layout, after: Layout) -> Outcome:
-    """Which part made a failed episode fail."""
-    if not _reaches(answer.tree, before, after):
+def _blame(answer: Answer | ThesisAnswer, wanted: Move, before: Layout, after: Layout) -> Outcome:
+    """Which part made a failed episode fail; whoever wrote no tree has read wrong."""
+    if answer.tree is None or not _reaches(answer.tree, before, after):
         return "read wrong"
     if (answer.source_cell, answer.target_cell) == (wanted.source, wanted.target):
         return "slipped"
+    if isinstance(answer, ThesisAnswer):
+        return "pointed wrong"
     elected = (answer.move.source, answer.move.target)
     return "saw wrong" if elected != (wanted.source, wanted.target) else "pointed wrong"
 

@@ -21,8 +21,8 @@ from fusionnet.experiments._experiment import (
 )
 from fusionnet.experiments._translation import SMALL_TREES, trained
 from fusionnet.models.beam_search import Hypothesis
-from fusionnet.models.transformer import Transformer, text_of
-from fusionnet.rcl import parse
+from fusionnet.models.target_text import written_tree
+from fusionnet.models.transformer import Transformer
 from fusionnet.sentences import tokenize
 from fusionnet.training.transformer import measure
 
@@ -89,7 +89,7 @@ def decoded(
             if translator.writes != "rcl":
                 continue
             try:
-                same = parse(text_of(tokens)) == command.tree
+                same = written_tree("rcl", tokens) == command.tree
             except TreeError:
                 same = False
             trees += same

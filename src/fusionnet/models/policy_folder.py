@@ -32,7 +32,7 @@ def weights_folder(name: str | Path) -> Path:
     if folder.is_dir():
         return folder
     if is_hub_name(name):
-        return fetched(str(name), [f"{part}/{file}" for part in PARTS for file in FILES])
+        return fetched(str(name), [*FILES, *(f"{part}/{file}" for part in PARTS for file in FILES)])
     raise UnknownNameError(
         f"No policy called {str(name)!r}; available: {', '.join(SHIPPED)}, or a folder that "
         "holds the checkpoints detector, translator and fusion, or a hub name like owner/name."

@@ -24,6 +24,7 @@ class ThesisFusionNetConfig:
         joint_limits: Least and greatest of each of the fourteen values in the data set that was
             learnt from: radians, and the gripper's states (equation 4.2).
         detector: RetinaNet and its frame; also the frame of the plain vision.
+        crop: Whether pictures are cropped to where the grid appears before they are fitted (6.1).
         vision: `retinanet`, or `cnn` (7.3).
         transformer: Sizes of the language module.
         source: Tokens that are read.
@@ -37,6 +38,7 @@ class ThesisFusionNetConfig:
     joint_names: tuple[str, ...]
     joint_limits: tuple[tuple[float, float], ...]
     detector: RetinaNetConfig
+    crop: bool = True
     vision: Literal["retinanet", "cnn"] = "retinanet"
     transformer: TransformerConfig
     source: tuple[str, ...]

@@ -12,7 +12,7 @@ References:
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import torch
@@ -43,6 +43,20 @@ class FusionBatch:
     source: Int[Tensor, "b t"]
     given: Int[Tensor, "b s"]
     targets: dict[str, list[Any]]
+
+
+class TwoStageAnswer(NamedTuple):
+    """What a FusionNet answers to pictures and sentences (4.3.3).
+
+    Attributes:
+        joints: The fourteen values of each example [rad; gripper 0 to 1].
+        written: The tokens that it wrote, without marks.
+        found: What every head predicts, one entry an example.
+    """
+
+    joints: Float[np.ndarray, "b k"]
+    written: list[tuple[str, ...]]
+    found: dict[str, list[Any]]
 
 
 class ThesisFusionNet(nn.Module):
@@ -171,19 +185,19 @@ class ThesisFusionNet(nn.Module):
         return torch.stack(written, dim=1)
 
     @torch.inference_mode()
-    def answer(
-        self, images: UInt8[Tensor, "b h w 3"], sentences: Sequence[str]
-    ) -> tuple[Float[np.ndarray, "b k"], dict[str, list[Any]]]:
-        """Both stages: write the target, then everything with it (thesis 4.3.3).
-
-        Returns:
-            The fourteen values [rad; gripper 0 to 1] of each example, and what every head
-            predicts.
-        """
+    def answer(self, images: UInt8[Tensor, "b h w 3"], sentences: Sequence[str]) -> TwoStageAnswer:
+        """Both stages: write the target, then everything with it (thesis 4.3.3)."""
         source = number_rows([self.numbers(s) for s in sentences]).to(images.device)
-        outputs = self(images, source, self.write(source))
+        given = self.write(source)
+        outputs = self(images, source, given)
         found = {name: self.head(name).predict(output) for name, output in outputs.items()}
-        return self.unscale(torch.stack(found[JOINTS]).double().numpy()), found
+        joints = self.unscale(torch.stack(found[JOINTS]).double().numpy())
+        return TwoStageAnswer(joints, [self._tokens(row) for row in given.tolist()], found)
+
+    def _tokens(self, row: Sequence[int]) -> tuple[str, ...]:
+        """Written numbers, the first mark before them, as tokens."""
+        names = ("", "<unknown>", *self.config.target)
+        return tuple(names[number] for number in row[1:] if number != PADDING)
 
     def scale(self, joints: Float[np.ndarray, "*b k"]) -> Float[np.ndarray, "*b k"]:
         """Values brought to 0 ... 1 (equation 4.2); one that never varies becomes 0."""

@@ -12,7 +12,6 @@ References:
 import math
 from collections.abc import Sequence
 from dataclasses import asdict
-from itertools import pairwise
 from pathlib import Path
 from typing import Any, get_args
 
@@ -26,13 +25,13 @@ from fusionnet.models.beam_search import Alphabet, Hypothesis, decode
 from fusionnet.models.checkpoint import load_checkpoint, restore, save_checkpoint
 from fusionnet.models.reading import Reading
 from fusionnet.models.sentence_reader import SentenceReader
-from fusionnet.models.target_text import END, START, Writes, target_tokens
+from fusionnet.models.target_text import END, START, Writes, target_tokens, written_tree
 from fusionnet.models.transformer_network import (
     TransformerNetwork,
     number_rows,
     transformer_config,
 )
-from fusionnet.rcl import Tree, format, parse
+from fusionnet.rcl import Tree, format
 from fusionnet.sentences import PADDING, UNKNOWN, Vocabulary, Words, readable_words, tokenize
 
 KIND = "transformer"
@@ -240,7 +239,7 @@ class Transformer(SentenceReader):
         """A hypothesis as a reading, if it writes a whole tree."""
         tokens = self.written(hypothesis)
         try:
-            tree = parse(text_of(tokens))
+            tree = written_tree("rcl", tokens)
         except TreeError:
             return None
         return Reading(
@@ -251,12 +250,6 @@ class Transformer(SentenceReader):
             words=tuple(row),
             attention=hypothesis.attention.mean(1)[:, : len(row)],
         )
-
-
-def text_of(tokens: Sequence[str]) -> str:
-    """A tree's text from its tokens: a space stands only between two words."""
-    gaps = (" " if a[-1].isalnum() and b[0].isalnum() else "" for a, b in pairwise([*tokens, ")"]))
-    return "".join(token + gap for token, gap in zip(tokens, gaps, strict=True))
 
 
 def _texts(text: str) -> list[str]:

@@ -8,6 +8,7 @@ from fusionnet.policy._eyes import EYE_WEIGHT, both_seen
 from fusionnet.policy._placing import block_shift, with_boxed_blocks
 from fusionnet.policy._policy import Kind, Policy, load_policy
 from fusionnet.policy._servo import Servo
+from fusionnet.policy._thesis import ThesisAnswer, ThesisPolicy
 
 __all__ = [
     "EYE_WEIGHT",
@@ -21,6 +22,8 @@ __all__ = [
     "Policy",
     "Pose",
     "Servo",
+    "ThesisAnswer",
+    "ThesisPolicy",
     "block_shift",
     "both_seen",
     "detector_folder",

@@ -1,6 +1,6 @@
 """What a policy answers: joint angles, and the evidence for them."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -10,10 +10,10 @@ from jaxtyping import Float
 from fusionnet.blocks import CLASS_NAMES, Cell, Layout, Move, layout_to_json
 from fusionnet.errors import InputError
 from fusionnet.geometry import PinholeCamera
-from fusionnet.models.retinanet import Sight
+from fusionnet.models.labelled_boxes import Boxes
 from fusionnet.models.translator import Reading
 from fusionnet.policy._attention import Attention, attended_pixels
-from fusionnet.rcl import Tree
+from fusionnet.rcl import Tree, describe
 from fusionnet.rcl import format as format_tree
 
 LEAST_SCORE = 0.5
@@ -100,14 +100,12 @@ class Answer:
     @property
     def targets(self) -> Float[np.ndarray, " k"]:
         """The flat vector of the thesis (4.3.1): grasp and place, each joints and gripper."""
-        return np.concatenate(
-            [
-                self.grasp.joint_angles,
-                [self.grasp.gripper],
-                self.place.joint_angles,
-                [self.place.gripper],
-            ]
-        )
+        return flat_targets(self.grasp, self.place)
+
+    @property
+    def understood(self) -> str:
+        """What was acted on, in plain English."""
+        return describe(self.tree)
 
     def pixels(self, attention: Attention) -> Float[np.ndarray, "h w"]:
         """Which part of the eye's picture an attention looked at, 1 where it looked most.
@@ -122,16 +120,9 @@ class Answer:
     def as_json(self) -> dict[str, Any]:
         """JSON values of everything but the large arrays."""
         return {
-            "grasp": _pose_as_json(self.grasp),
-            "place": _pose_as_json(self.place),
-            "boxes": [
-                {
-                    "class": d.class_name,
-                    "score": round(d.score, 4),
-                    "box": [round(c, 1) for c in d.box],
-                }
-                for d in self.boxes
-            ],
+            "grasp": pose_as_json(self.grasp),
+            "place": pose_as_json(self.place),
+            "boxes": boxes_as_json(self.boxes),
             "layout": layout_to_json(self.layout),
             "holding": round(self.holding, 4),
             "readings": [
@@ -167,9 +158,8 @@ class Answer:
         }
 
 
-def detections(sight: Sight) -> tuple[Detection, ...]:
+def as_detections(boxes: Boxes) -> tuple[Detection, ...]:
     """The boxes that count as evidence."""
-    boxes = sight.boxes
     return tuple(
         Detection(CLASS_NAMES[int(kind)], float(score), tuple(float(c) for c in box))  # type: ignore[arg-type]
         for box, kind, score in zip(boxes.xyxy, boxes.classes, boxes.scores, strict=True)
@@ -187,7 +177,27 @@ def _likely_cells(distribution: Float[np.ndarray, "512"], least: float = 0.0) ->
     ]
 
 
-def _pose_as_json(pose: Pose) -> dict[str, Any]:
+def flat_targets(grasp: Pose, place: Pose) -> Float[np.ndarray, " k"]:
+    """Both poses as the flat vector of the thesis (4.3.1), each joints and gripper."""
+    return np.concatenate(
+        [grasp.joint_angles, [grasp.gripper], place.joint_angles, [place.gripper]]
+    )
+
+
+def boxes_as_json(boxes: Sequence[Detection]) -> list[dict[str, Any]]:
+    """JSON values of the blocks that were found."""
+    return [
+        {
+            "class": found.class_name,
+            "score": round(found.score, 4),
+            "box": [round(c, 1) for c in found.box],
+        }
+        for found in boxes
+    ]
+
+
+def pose_as_json(pose: Pose) -> dict[str, Any]:
+    """JSON values of one posture."""
     return {
         "joint_angles_rad": [round(float(a), 5) for a in pose.joint_angles],
         "joint_angles_deg": [round(float(np.degrees(a)), 2) for a in pose.joint_angles],

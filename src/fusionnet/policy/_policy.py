@@ -21,16 +21,18 @@ from fusionnet.blocks import Cell, Move
 from fusionnet.blocks.voting import Vote, likely_layout, vote
 from fusionnet.catalogue import did_you_mean
 from fusionnet.errors import InputError, PlanningError, UnknownNameError
+from fusionnet.models.checkpoint import CONFIG_FILE
 from fusionnet.models.fusionnet import FusionAnswer, FusionNet
 from fusionnet.models.hub import check_robot
 from fusionnet.models.policy_folder import SHIPPED, weights_folder
 from fusionnet.models.retinanet import RetinaNet, Sight
 from fusionnet.models.translator import Reading, Translator
-from fusionnet.policy._answer import Answer, Pose, detections
+from fusionnet.policy._answer import Answer, Pose, as_detections
 from fusionnet.policy._attention import attentions
 from fusionnet.policy._check import refuse_doubtful
 from fusionnet.policy._eyes import both_seen
 from fusionnet.policy._placing import with_boxed_blocks
+from fusionnet.policy._thesis import ThesisPolicy, thesis_policy
 from fusionnet.randomness import generator
 from fusionnet.robots import load as load_robot
 from fusionnet.simulation import joint_targets
@@ -135,7 +137,7 @@ class Policy:
         return Answer(
             grasp=Pose(targets[: middle - 1], float(targets[middle - 1])),
             place=Pose(targets[middle:-1], float(targets[-1])),
-            boxes=detections(sight),
+            boxes=as_detections(sight.boxes),
             layout=likely_layout(sight.cells, sight.holding),
             cells=sight.cells,
             holding=sight.holding,
@@ -171,12 +173,13 @@ def load_policy(
     check: bool = False,
     displaced: bool = False,
     robot: str | None = None,
-) -> Policy:
+) -> Policy | ThesisPolicy:
     """A policy from a shipped name, a folder of checkpoints, or one on the hub.
 
     Args:
         name: One of `SHIPPED`, or a folder that holds `detector`, `translator` and `fusion`, and
-            `detector-right` if two eyes are to look; or `owner/name` of such a one on the hub.
+            `detector-right` if two eyes are to look; or the checkpoint of a FusionNet of the
+            thesis; or `owner/name` of either on the hub.
         kind: `fusion` or `symbolic`.
         seed: Of the symbolic vote's sampling.
         check: Whether to refuse a move where the two kinds disagree (DoubtError).
@@ -186,6 +189,7 @@ def load_policy(
     Raises:
         UnknownNameError: If the name is neither shipped, a folder nor a hub's, or the kind is
             unknown.
+        InputError: If a FusionNet of the thesis is asked to plan or to check itself.
         CheckpointError: If a checkpoint is missing, damaged, of another version or for another
             robot, or cannot be fetched.
     """
@@ -194,9 +198,12 @@ def load_policy(
             f"No policy of the kind {kind!r}; available: {', '.join(get_args(Kind))}."
             + did_you_mean(str(kind), list(get_args(Kind)))
         )
+    folder = weights_folder(name)
+    if (folder / CONFIG_FILE).is_file():
+        return thesis_policy(folder, kind, check=check, robot=robot)
     # What this package holds does not change while it runs; a folder may.
     read = _shipped if str(name) in SHIPPED else _models
-    detector, translator, fusion, right = read(weights_folder(name))
+    detector, translator, fusion, right = read(folder)
     trained = fusion.config["robot"]
     check_robot(str(name), trained, fusion.config["joint_names"], robot)
     return Policy(

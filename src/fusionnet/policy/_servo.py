@@ -15,9 +15,11 @@ import numpy as np
 from jaxtyping import Float
 
 from fusionnet.blocks import BLOCK_SIZE
+from fusionnet.errors import InputError
 from fusionnet.policy._answer import Answer
 from fusionnet.policy._placing import STANDS_BESIDE, block_shift
 from fusionnet.policy._policy import Policy
+from fusionnet.policy._thesis import ThesisAnswer, ThesisPolicy
 from fusionnet.robots import ArmKinematics
 from fusionnet.simulation import World
 
@@ -34,9 +36,17 @@ class Servo:
     Args:
         policy: Whose left eye looks.
         answer: What the arm is doing.
+
+    Raises:
+        InputError: If the policy is the thesis's FusionNet.
     """
 
-    def __init__(self, policy: Policy, answer: Answer) -> None:
+    def __init__(self, policy: Policy | ThesisPolicy, answer: Answer | ThesisAnswer) -> None:
+        if isinstance(policy, ThesisPolicy) or isinstance(answer, ThesisAnswer):
+            raise InputError(
+                "The thesis's FusionNet cannot look again: it estimates no camera to compare its "
+                "boxes with. Leave the closed loop out, or choose another checkpoint."
+            )
         self.policy = policy
         self.source, self.target = answer.source_cell, answer.target_cell
         self.kind = int(answer.cells[tuple(self.source)][:-1].argmax())

@@ -1,29 +1,28 @@
 """Pictures of a data set as the thesis's detector learns from them: cropped, moved, boxed.
 
-A picture is cropped to the region where blocks can be placed, in its own aspect, with the
-thesis's crop factors (6.1). The thesis takes that region from the boxes; ours is where the
-grid appears, which needs no label and is the same for training and validation. Level-2
+A picture is cropped to the region where blocks can be placed (`models.placement`). Level-2
 noise (3.2.5) moves the cropped picture and its boxes.
 """
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import cv2
 import numpy as np
 import torch
 from jaxtyping import Float, Int, UInt8
 
-from fusionnet.blocks import BLOCK_SIZE, CLASS_NAMES, GRID
+from fusionnet.blocks import CLASS_NAMES
 from fusionnet.dataset.frame import PictureFrame
 from fusionnet.dataset.framing import decode, whole_frame
 from fusionnet.dataset.pictures import LEAST_PIXELS
 from fusionnet.dataset.reader import StoredSamples
 from fusionnet.errors import DataError
 from fusionnet.models.heads.boxes import Boxes
-from fusionnet.models.sight import BoxBatch, border, padded_to_aspect
-from fusionnet.views import LevelTwo, crop_around
+from fusionnet.models.placement import Placement, placement_crop
+from fusionnet.models.sight import BoxBatch
+from fusionnet.views import LevelTwo
 
 LABELS = (
     "id",
@@ -84,25 +83,23 @@ class PlacementPictures:
         size = (int(sample["width"]), int(sample["height"]))
         image = decode(sample["image"]["bytes"], size, whole_frame(size, size))
         place = self._place(sample)
-        left, top, right, bottom = place.part
-        part = padded_to_aspect(image[top:bottom, left:right], self.frame.eye_size)
-        how = cv2.INTER_AREA if place.scale[0] < 1 else cv2.INTER_LINEAR
-        picture = cv2.resize(part, self.frame.input_size, interpolation=how)
-        return sample, picture, place.boxes(sample, self.frame.input_size)
+        return sample, place.picture(image), placed_boxes(sample, place)
 
     def boxes(self, index: int, least_share: float = 0.0) -> Boxes:
         """The boxes alone, of blocks that are visible enough; nothing is decoded."""
         sample = self.samples[index]
         if least_share:
             sample = _visible(sample, least_share)
-        return self._place(sample).boxes(sample, self.frame.input_size)
+        return placed_boxes(sample, self._place(sample))
 
-    def _place(self, sample: dict) -> "_Place":
+    def _place(self, sample: dict) -> Placement:
         size = (int(sample["width"]), int(sample["height"]))
-        part = placement_crop(sample, size) if self.crop else (0, 0, *size)
-        kept = (part[2] - part[0], part[3] - part[1])
-        padded = np.array(kept) + border(kept, self.frame.eye_size)
-        return _Place(part, np.array(self.frame.input_size) / padded)
+        if not self.crop:
+            return Placement((0, 0, *size), self.frame)
+        camera = sample["camera"]
+        matrix = np.array(camera["matrix"]).reshape(3, 3)
+        pose = np.array(camera["camera_from_board"]).reshape(4, 4)
+        return Placement(placement_crop(matrix, pose, size), self.frame)
 
 
 def box_sides(
@@ -139,17 +136,11 @@ def box_sides(
     return found
 
 
-class _Place(NamedTuple):
-    """Which part of a stored picture is seen, in its pixels, and by how much it is scaled."""
-
-    part: tuple[int, int, int, int]
-    scale: Float[np.ndarray, "2"]
-
-    def boxes(self, sample: dict, size: tuple[int, int]) -> Boxes:
-        """The sample's boxes in pixels of the network's input of a size."""
-        boxes, classes = seen_boxes(sample, float(self.scale.prod()))
-        boxes = (boxes - np.tile(self.part[:2], 2)) * np.tile(self.scale, 2)
-        return within(boxes, boxes, classes, size)
+def placed_boxes(sample: dict, place: Placement) -> Boxes:
+    """A stored sample's boxes in pixels of the network's input."""
+    boxes, classes = seen_boxes(sample, float(place.scale.prod()))
+    placed = place.to_input(boxes)
+    return within(placed, placed, classes, place.frame.input_size)
 
 
 def _visible(sample: dict, least_share: float) -> dict:
@@ -158,22 +149,6 @@ def _visible(sample: dict, least_share: float) -> dict:
     kept = [place for place, share in enumerate(shares) if share >= least_share]
     names = ("boxes", "classes", "box_blocks")
     return sample | {name: [sample[name][place] for place in kept] for name in names}
-
-
-def placement_crop(sample: dict, size: tuple[int, int]) -> tuple[int, int, int, int]:
-    """Left, top, right and bottom of the crop of a stored sample's picture, in its pixels."""
-    camera = sample["camera"]
-    matrix = np.array(camera["matrix"]).reshape(3, 3)
-    pose = np.array(camera["camera_from_board"]).reshape(4, 4)
-    ends = (0.0, GRID * BLOCK_SIZE)
-    corners = np.array([[x, y, z, 1.0] for x in ends for y in ends for z in ends])
-    in_camera = (corners @ pose.T)[:, :3]
-    if (in_camera[:, 2] <= 0).any():
-        return 0, 0, *size
-    projected = in_camera @ matrix.T
-    pixels = projected[:, :2] / projected[:, 2:] + 0.5
-    edges = np.concatenate([pixels.min(axis=0), pixels.max(axis=0)])
-    return crop_around(np.clip(edges, 0, np.tile(size, 2))[None], size)
 
 
 def seen_boxes(

@@ -167,6 +167,7 @@ def new_model(config: ThesisFusionConfig) -> ThesisFusionNet:
         joint_names=tuple(body.joint_names),
         joint_limits=limits,
         detector=detector,
+        crop=config.crop,
         vision=config.vision,
         transformer=transformer,
         source=source,
