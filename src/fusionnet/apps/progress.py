@@ -15,7 +15,9 @@ class Bar:
         self._progress = progress
         self._task = progress.add_task(stage, total=None, visible=False, losses="")
 
-    def __call__(self, done: int, total: int, line: Mapping[str, float | int] | None = None) -> None:
+    def __call__(
+        self, done: int, total: int, line: Mapping[str, float | int] | None = None
+    ) -> None:
         """Show that `done` of `total` is done."""
         losses = f"loss {line['loss']:.4g}" if line and "loss" in line else ""
         self._progress.update(self._task, completed=done, total=total, visible=True, losses=losses)
