@@ -2,6 +2,8 @@
 
 import itertools
 from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -9,10 +11,14 @@ import torch
 
 from fusionnet import experiments
 from fusionnet.corpora import synthetic
+from fusionnet.experiments import Trial, Variant, final_model
 from fusionnet.experiments.translation import decoded, on_words, wrong_tokens
 from fusionnet.models.beam_search import Hypothesis
+from fusionnet.models.transformer import Transformer
 from fusionnet.rcl import format
 from fusionnet.sentences import tokenize
+from fusionnet.training import thesis_fusion
+from fusionnet.training.thesis_fusion_config import SmallThesisFusionConfig
 from fusionnet.training.transformer import ThesisTranslatorConfig, new_transformer
 
 COMMANDS = synthetic.read(size=6).commands
@@ -85,3 +91,22 @@ def test_what_is_published_and_claimed_is_run_at_the_thesis_s_scale(name):
         assert {claim.better, claim.worse} <= known | small
     for one, two in itertools.combinations(experiment.variants("thesis"), 2):
         assert replace(one, name="x", label="") != replace(two, name="x", label="")
+
+
+@pytest.mark.parametrize("writes", ["rcl", "short"])
+def test_the_final_models_transformer_says_what_it_writes(untrained, writes, tmp_path, monkeypatch):
+    learnt = SimpleNamespace(
+        transformer=untrained.network, source=untrained.source, target=untrained.target
+    )
+    recipe = SmallThesisFusionConfig(dataset=Path("set"), writes=writes)
+    monkeypatch.setattr(final_model, "fusion_config", lambda *_, **__: recipe)
+    monkeypatch.setattr(thesis_fusion, "run", lambda *_, **__: (learnt, [], {}))
+    trial = Trial(
+        experiment="final_model",
+        variant=Variant(name="final", values={}),
+        seed=0,
+        scale="small",
+        work=tmp_path,
+    )
+    folder = final_model._trained_transformer(trial)
+    assert Transformer.from_folder(folder).writes == writes

@@ -64,9 +64,6 @@ def run(trial: Trial) -> Outcome:
 
 def _trained_transformer(trial: Trial) -> Path:
     """A Transformer that learnt to write trees and nothing else, as that of section 5.4."""
-    folder = trial.work / "transformers" / f"seed{trial.seed}"
-    if (folder / "config.json").is_file():
-        return folder
     config = fusion_config(
         trial,
         vision="cnn",
@@ -75,9 +72,14 @@ def _trained_transformer(trial: Trial) -> Path:
         steps=4 * STEPS[trial.scale],
         check=(),
     )
+    folder = trial.work / "transformers" / f"{config.writes}-seed{trial.seed}"
+    if (folder / "config.json").is_file():
+        return folder
     config = replace(config, work=trial.state / "transformer")
     model, *_ = thesis_fusion.run(config, progress=trial.progress)
-    language = Transformer(model.transformer, model.source, model.target, model.source)
+    language = Transformer(
+        model.transformer, model.source, model.target, model.source, writes=config.writes
+    )
     language.save(folder, metadata={})
     return folder
 
