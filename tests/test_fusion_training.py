@@ -1,25 +1,31 @@
 """What the fusion part is trained on, and that training it runs."""
 
 import json
+import shutil
 import subprocess
 import sys
+from collections.abc import Iterator
+from dataclasses import replace
+from itertools import count
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from safetensors.torch import load_file, save_file
 
 from fusionnet.blocks import Layout, plan, random_layout, validate
 from fusionnet.corpora import load_corpus
-from fusionnet.errors import DataError, InputError, RenderingError
+from fusionnet.errors import CheckpointError, DataError, InputError, RenderingError
 from fusionnet.models.fusionnet import FusionNet, compact
 from fusionnet.models.retinanet import RetinaNet
 from fusionnet.rcl import Action, events, format
 from fusionnet.simulation import SceneRenderer
-from fusionnet.training.fusion import FusionConfig, draw_batch, train
-from fusionnet.training.loop import LoopConfig
+from fusionnet.training.fusion import FusionBatch, FusionConfig, draw_batch, train
+from fusionnet.training.loop import LoopConfig, fit
 from fusionnet.training.planned_examples import PlannedExamples
 from fusionnet.training.reader_outputs import (
     collect_reader_outputs,
@@ -222,9 +228,56 @@ def test_two_processes_train_one_network_on_the_mean_of_their_batches(tmp_path: 
     assert isinstance(FusionNet.from_folder(out), FusionNet)
 
     examples = PlannedExamples(load_corpus("treebank", corpus).split("train"))
-    config, untrained = FusionConfig(batch=3), compact()
-    with torch.no_grad():
-        first = [untrained.losses(*draw_batch(examples, None, config, step)) for step in (0, 1)]
-    for name in first[0]:
-        mean = float(first[0][name] + first[1][name]) / 2
-        assert lines[0][name] == pytest.approx(mean, rel=1e-4), name
+    config, alone = FusionConfig(batch=3), compact()
+
+    def pairs(first: int) -> Iterator[tuple[FusionBatch, FusionBatch]]:
+        for step in count(first):
+            one, other = (draw_batch(examples, None, config, 2 * step + i) for i in (0, 1))
+            yield one, other
+
+    def mean(network: Any, pair: tuple[FusionBatch, FusionBatch]) -> dict[str, torch.Tensor]:
+        one, other = (network.losses(*batch) for batch in pair)
+        return {name: (one[name] + other[name]) / 2 for name in one}
+
+    loop = replace(config.loop, steps=2, log_every=1, tensorboard=False)
+    history = fit(alone, pairs, mean, loop)
+    for line, expected in zip(lines, history, strict=True):
+        for name in ("loss", "grasp", "place", "holds", "joints"):
+            assert line[name] == pytest.approx(expected[name], rel=1e-4), (line["step"], name)
+    trained = FusionNet.from_folder(out).state_dict()
+    for name, weights in alone.state_dict().items():
+        assert torch.allclose(trained[name].float(), weights.float(), atol=2e-3), name
+
+
+def test_readings_of_another_reader_are_not_taken_for_this_ones(
+    data_folder: Path, tmp_path: Path
+) -> None:
+    asked: list[str] = []
+
+    def run(reader: Path, pictures: int) -> None:
+        config = FusionConfig(
+            out=tmp_path / "fusion",
+            work=tmp_path / "work",
+            data=data_folder,
+            batch=4,
+            reader=reader,
+            pictures=pictures,
+            loop=LoopConfig(steps=1, tensorboard=False),
+        )
+        train(config, rendering=lambda done, _: asked.append(f"{reader.name} {done}"))
+
+    shutil.copytree(DETECTOR, tmp_path / "other")
+    weights = load_file(tmp_path / "other/model.safetensors")
+    save_file(
+        {n: t + 0 if t.is_floating_point() else t for n, t in weights.items()}
+        | {"box_head.classify.4.bias": weights["box_head.classify.4.bias"] - 1},
+        tmp_path / "other/model.safetensors",
+    )
+    run(DETECTOR, 2)
+    run(DETECTOR, 2)
+    assert asked == ["detector 1", "detector 2"]
+    run(tmp_path / "other", 2)
+    run(DETECTOR, 1)
+    assert asked[2:] == ["other 1", "other 2", "detector 1"]
+    with pytest.raises(CheckpointError, match="No checkpoint at"):
+        run(tmp_path / "none", 1)

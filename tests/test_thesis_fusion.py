@@ -14,7 +14,11 @@ from fusionnet.errors import CheckpointError, InputError
 from fusionnet.models import heads
 from fusionnet.models.hub import checkpoint_folder
 from fusionnet.models.labelled_boxes import Boxes
+from fusionnet.models.target_text import END, START
+from fusionnet.models.thesis_fusion_config import THESIS_HEADS, thesis
 from fusionnet.models.thesis_fusionnet import ThesisFusionNet
+from fusionnet.models.transformer import Transformer
+from fusionnet.models.transformer_network import number_rows
 from fusionnet.training import thesis_fusion
 from fusionnet.training.fusion_examples import FusionExamples
 from fusionnet.training.loop import fit
@@ -222,6 +226,62 @@ def test_boxes_follow_a_noised_picture(config, monkeypatch):
     assert 15 <= moved < 30
     clean = examples.example(0, model, np.random.default_rng(1), pictures=False)
     assert np.array_equal(clean.picture, marked)
+
+
+@pytest.mark.parametrize(("ends", "distinct", "lengths"), [(0.0, 3, 1), (3.0, 2, 2)])
+def test_what_is_written_with_a_cache_is_what_is_written_step_by_step(
+    config, ends, distinct, lengths
+):
+    model = new_model(config).eval()
+    torch.manual_seed(2)
+    with torch.no_grad():
+        for parameter in model.transformer.parameters():
+            if parameter.dim() > 1:
+                parameter.copy_(torch.randn_like(parameter))
+        model.transformer.output.bias[model.target.number(END)] = ends
+    said = ["put the red cube down", "take", "move the blue pyramid on the gray cube please"]
+    source = number_rows([model.numbers(s) for s in said])
+    written = model.write(source)
+    end, start = model.target.number(END), model.target.number(START)
+    rows = []
+    for row in range(len(said)):
+        alone, tokens = number_rows([model.numbers(said[row])]), [start]
+        while len(tokens) < model.config.transformer.longest:
+            with torch.inference_mode():
+                logits = model.transformer(alone, torch.tensor([tokens]))[0, -1]
+            if int(logits.argmax()) == end:
+                break
+            tokens.append(int(logits.argmax()))
+        rows.append(tokens)
+    assert len({tuple(r) for r in rows}) == distinct and len({len(r) for r in rows}) == lengths
+    for row, tokens in zip(written.tolist(), rows, strict=True):
+        assert row[: len(tokens)] == tokens and not any(row[len(tokens) :])
+
+
+def test_the_preset_is_the_network_of_tables_7_1_to_7_3():
+    limits = [(-1.0, 1.0)] * 14
+    config = thesis("nico", limits, ["put", "it"], [START, END, "event"])
+    assert config.detector.backbone == "resnet152" and config.detector.fusion_nodes == 4
+    assert config.detector.frame.input_size == (990, 540) and config.detector.width == 256
+    sizes = config.transformer
+    assert (sizes.layers, sizes.heads, sizes.attention_size, sizes.dropout) == (4, 4, 12, 0.15)
+    assert (config.fuser, config.writes, config.heads) == ("concatenate", "rcl", THESIS_HEADS)
+    network = ThesisFusionNet(thesis("nico", limits, ["a"], [START, END], sizes=small_sizes()))
+    assert network.config.detector.backbone == "tiny"
+
+
+def test_a_transformer_that_writes_something_else_is_refused(config, tmp_path):
+    model = new_model(config)
+    words = model.config.source, model.config.target
+    kept = Transformer(model.transformer, model.source, model.target, model.source, writes="short")
+    kept.save(tmp_path / "short", metadata={})
+    again = new_model(dataclasses.replace(config, seed=1, translator=tmp_path / "short"))
+    assert (again.config.source, again.config.target) == words
+    with pytest.raises(CheckpointError, match="trained to write 'short'.*is to write 'rcl'"):
+        new_model(dataclasses.replace(config, writes="rcl", translator=tmp_path / "short"))
+    heads_of = dataclasses.replace(config.sizes, layers=2)
+    with pytest.raises(CheckpointError, match="Choose the same sizes as it was trained with"):
+        new_model(dataclasses.replace(config, sizes=heads_of, translator=tmp_path / "short"))
 
 
 def test_weights_are_transferred_and_misfits_refused(config, tmp_path):

@@ -33,7 +33,7 @@ def fusion_config(steps: int, seed: int, batch: int = 64, **loop: Any) -> Fusion
         "save_every": 50,
         **loop,
     }
-    return FusionConfig(seed=seed, batch=batch, loop=LoopConfig(steps=steps, seed=seed, **chosen))
+    return FusionConfig(seed=seed, batch=batch, loop=LoopConfig(steps=steps, **chosen))
 
 
 def train_fusion(

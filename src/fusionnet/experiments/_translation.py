@@ -20,9 +20,9 @@ SMALL_RATE = 3e-3
 SMALL_TREES = "the tree's values (about 9 tokens) in place of its text, which is learnt in minutes"
 
 
-def loop_of(scale: Scale, steps: int, seed: int, rate: float = SMALL_RATE) -> LoopConfig:
+def loop_of(scale: Scale, steps: int, rate: float = SMALL_RATE) -> LoopConfig:
     """The thesis's optimiser; its schedule only where there are steps enough for it."""
-    loop = replace(thesis_loop(), steps=steps, seed=seed, tensorboard=False)
+    loop = replace(thesis_loop(), steps=steps, tensorboard=False)
     if scale == "thesis":
         return loop
     return replace(
@@ -55,7 +55,7 @@ def trained(
     corpus = corpus_for(trial)
     config = ThesisTranslatorConfig(
         writes="rcl" if trial.scale == "thesis" else "short",
-        loop=loop_of(trial.scale, steps, trial.seed, rate),
+        loop=loop_of(trial.scale, steps, rate),
         seed=trial.seed,
         **sizes,
     )

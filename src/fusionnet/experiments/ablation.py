@@ -124,7 +124,6 @@ def _point(trial: Trial) -> Outcome:
         log_every=max(1, steps // 20),
         save_every=100,
         tensorboard=False,
-        seed=trial.seed,
     )
     history = fit(
         model,
@@ -132,6 +131,7 @@ def _point(trial: Trial) -> Outcome:
         lambda network, batch: cast(Any, network).losses(batch),
         loop,
         folder=trial.state,
+        seed=trial.seed,
         progress=trial.progress,
     )
     cells, exact = cells_of(model, tested)

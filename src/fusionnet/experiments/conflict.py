@@ -153,7 +153,8 @@ def _thesis(trial: Trial) -> Cosines:
         model,
         batches,
         lambda wrapped, batch: cosines(wrapped, batch, lambda n, b: n.losses(b)),
-        replace(config.loop, seed=config.seed, loss_weights=dict.fromkeys(LOSSES["thesis"], 1.0)),
+        replace(config.loop, loss_weights=dict.fromkeys(LOSSES["thesis"], 1.0)),
+        seed=config.seed,
         progress=trial.progress,
     )
     return cosines

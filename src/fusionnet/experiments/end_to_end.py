@@ -77,7 +77,6 @@ def run(trial: Trial) -> Outcome:
         log_every=max(1, STEPS[scale] // 12),
         save_every=20,
         tensorboard=False,
-        seed=trial.seed,
     )
     history = fit(
         model,
@@ -85,6 +84,7 @@ def run(trial: Trial) -> Outcome:
         lambda wrapped, batch: end_to_end_losses(wrapped, model, batch, kept),
         loop,
         folder=trial.state,
+        seed=trial.seed,
         progress=trial.progress,
     )
     measured = measure(model, checked, PICTURES[scale][1])

@@ -137,6 +137,7 @@ def train(config: DetectorConfig, *, progress: Progress | None = None) -> dict[s
         config.loop,
         folder=config.work,
         settings=config,
+        seed=config.seed,
         progress=progress,
     )
     if not is_first_process():

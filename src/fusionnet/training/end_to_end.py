@@ -322,6 +322,7 @@ def run(
         config.loop,
         folder=config.work,
         settings=config,
+        seed=config.seed,
         progress=progress,
     )
     after = measure(model, checked, config.checked) if is_first_process() else {}

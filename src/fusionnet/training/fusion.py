@@ -5,6 +5,7 @@ The planner labels varied trees of the training groups on varied layouts
 (`simulated_readings`), or as a real reader saw them where such readings are given.
 """
 
+import hashlib
 import logging
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -21,6 +22,7 @@ from torch import Tensor
 from fusionnet.blocks import Move, plan
 from fusionnet.corpora import Command, load_corpus
 from fusionnet.errors import InputError
+from fusionnet.models.checkpoint import WEIGHTS_FILE
 from fusionnet.models.fusionnet import FusionNet, compact
 from fusionnet.models.program_pack import PackedPrograms, pack
 from fusionnet.models.retinanet import RetinaNet
@@ -164,6 +166,7 @@ def train(
         config.loop,
         folder=config.work,
         settings=config,
+        seed=config.seed,
         progress=progress,
     )
     if not is_first_process():
@@ -183,14 +186,20 @@ def _reader_outputs(
     learnt: Sequence[Command],
     rendering: Callable[[int, int], None] | None,
 ) -> ReaderOutputs:
-    """What the reader says of pictures of varied layouts of the training groups."""
+    """What the reader says of pictures of varied layouts of the training groups.
+
+    It is kept under a name that tells the reader's weights and the pictures apart from others.
+    """
     assert config.reader is not None
-    file = config.work / "reader_outputs.npz"
+    reader = RetinaNet.from_folder(config.reader)
+    weights = hashlib.blake2b((config.reader / WEIGHTS_FILE).read_bytes(), digest_size=6)
+    pictures = f"{config.robot}-{config.corpus}-{config.pictures}-{config.seed}"
+    file = config.work / f"reader_outputs-{weights.hexdigest()}-{pictures}.npz"
     if not file.is_file():
         layouts = {id(s): s for c in learnt for s in (c.scene.before, c.scene.after)}
         collect_reader_outputs(
             file,
-            RetinaNet.from_folder(config.reader),
+            reader,
             list(layouts.values()),
             count=config.pictures,
             seed=config.seed,

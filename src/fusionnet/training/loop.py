@@ -58,7 +58,6 @@ class LoopConfig:
         log_every: Steps between lines of the log.
         save_every: Steps between resumable states.
         tensorboard: Whether to write the log for TensorBoard as well.
-        seed: Source of what the network itself draws while it trains (dropout).
     """
 
     steps: int
@@ -77,7 +76,6 @@ class LoopConfig:
     log_every: int = 50
     save_every: int = 500
     tensorboard: bool = True
-    seed: int = 0
 
     def __post_init__(self) -> None:
         """Refuse values that cannot train."""
@@ -99,6 +97,7 @@ def fit(
     *,
     folder: Path | None = None,
     settings: Any = None,
+    seed: int = 0,
     progress: Progress | None = None,
 ) -> list[LogLine]:
     """Train a model in place and return the lines of its log.
@@ -112,6 +111,7 @@ def fit(
         folder: Where the log and the resumable state go; a state found there is resumed.
         settings: The run's configuration, a dataclass, so that a state is not resumed under
             another; how long it goes on, where and what it logs may change.
+        seed: Source of what the network itself draws while it trains (dropout).
         progress: Called after every step with step, steps and the latest log line.
 
     Returns:
@@ -170,7 +170,7 @@ def fit(
         torch.random.fork_rng(),
     ):
         for step, batch in zip(range(first, config.steps), mine, strict=False):
-            torch.manual_seed(derived_seed(config.seed, "step", step, rank))
+            torch.manual_seed(derived_seed(seed, "step", step, rank))
             rate = schedule.rate(step)
             for group in optimizer.param_groups:
                 group["lr"] = rate

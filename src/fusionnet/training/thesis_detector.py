@@ -128,9 +128,10 @@ def train(config: ThesisDetectorConfig, *, progress: Progress | None = None) -> 
         model,
         lambda first: batches(pictures, config, first),
         box_losses,
-        replace(config.loop, seed=config.seed),
+        config.loop,
         folder=config.work,
         settings=config,
+        seed=config.seed,
         progress=progress,
     )
     if not is_first_process():

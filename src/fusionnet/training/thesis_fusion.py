@@ -14,19 +14,13 @@ from typing import Any, cast
 
 import torch
 
-from fusionnet import robots
 from fusionnet.dataset.frame import PictureFrame
 from fusionnet.dataset.reader import StoredSamples
 from fusionnet.errors import DataError
-from fusionnet.models import backbones, detectors
-from fusionnet.models.pyramid import level_strides
+from fusionnet.models import backbones
 from fusionnet.models.target_text import Writes
-from fusionnet.models.thesis_fusionnet import (
-    FusionBatch,
-    ThesisFusionNet,
-    ThesisFusionNetConfig,
-)
-from fusionnet.models.transformer_network import TransformerConfig
+from fusionnet.models.thesis_fusion_config import thesis
+from fusionnet.models.thesis_fusionnet import FusionBatch, ThesisFusionNet
 from fusionnet.randomness import derived_seed
 from fusionnet.training.fusion_examples import FusionExamples, joint_limits, vocabularies
 from fusionnet.training.journal import LogLine
@@ -86,7 +80,7 @@ def run(
 
     _freeze_unused(model, config, next(batches(0)))
     weights = {n: config.loop.loss_weights.get(n, 1.0) for n in model.config.heads}
-    loop = replace(config.loop, seed=config.seed, loss_weights=weights)
+    loop = replace(config.loop, loss_weights=weights)
     history = fit(
         model,
         batches,
@@ -94,6 +88,7 @@ def run(
         loop,
         folder=config.work,
         settings=config,
+        seed=config.seed,
         progress=progress,
     )
     if not is_first_process():
@@ -131,47 +126,20 @@ def _scanned(
 
 def new_model(config: ThesisFusionConfig) -> ThesisFusionNet:
     """An untrained FusionNet for a data set, with the weights that it is told to begin with."""
-    sizes, size = config.sizes, config.sizes.input_size
+    sizes = config.sizes
     limits, source, target, robot = _scanned(config.dataset, config.writes)
+    trained = None
     if config.translator is not None:
-        source, target = transfer_transformer(config.translator).vocabularies
-    strides = level_strides(getattr(made := backbones.load(sizes.backbone), "func", made).strides)
-    detector = replace(
-        detectors.thesis(
-            sizes.backbone,
-            frame=PictureFrame(eye_size=size, crop=(0, 0, *size), input_size=size),
-            fusion_nodes=sizes.nodes,
-        ),
-        width=sizes.pyramid_width,
-        gaussian=sizes.gaussian,
-        frozen=sizes.backbone_weights != backbones.RANDOM,
-        boxes=detectors.pyramid_boxes(
-            sizes.anchors, strides=strides, depth=sizes.subnet_depth, width=sizes.pyramid_width
-        ),
-    )
-    body = robots.load(robot)
-    transformer = TransformerConfig(
-        source_words=len(source) + 2,
-        target_words=len(target) + 2,
-        embedding_size=sizes.embedding_size,
-        layers=sizes.layers,
-        heads=sizes.heads,
-        attention_size=sizes.attention_size,
-        feed_forward_size=sizes.feed_forward_size,
-        fusion_nodes=sizes.nodes,
-        longest=sizes.longest,
-        dropout=sizes.dropout,
-    )
-    whole = ThesisFusionNetConfig(
-        robot=robot,
-        joint_names=tuple(body.joint_names),
-        joint_limits=limits,
-        detector=detector,
+        trained = transfer_transformer(config.translator)
+        source, target = trained.vocabularies
+    whole = thesis(
+        robot,
+        limits,
+        source,
+        target,
+        sizes=sizes,
         crop=config.crop,
         vision=config.vision,
-        transformer=transformer,
-        source=source,
-        target=target,
         writes=config.writes,
         fuser=config.fuser,
         heads=config.outputs,
@@ -184,8 +152,8 @@ def new_model(config: ThesisFusionConfig) -> ThesisFusionNet:
         log.info("backbone: %s", said)
     if config.detector is not None:
         transfer_detector(config.detector, model)
-    if config.translator is not None:
-        transfer_transformer(config.translator).fill(model)
+    if trained is not None:
+        trained.fill(model)
     return model
 
 

@@ -8,9 +8,9 @@ import tyro
 
 from fusionnet.errors import InputError
 from fusionnet.models import backbones, heads
-from fusionnet.models.anchors import AnchorShapes, thesis_anchors
+from fusionnet.models.anchors import AnchorShapes
 from fusionnet.models.target_text import Writes
-from fusionnet.models.thesis_fusion_config import THESIS_HEADS
+from fusionnet.models.thesis_fusion_config import THESIS_HEADS, NetworkSizes
 from fusionnet.training.loop import LoopConfig
 from fusionnet.training.optimizers import OptimizerConfig
 from fusionnet.training.schedules import ScheduleConfig
@@ -45,41 +45,6 @@ def small_loop() -> LoopConfig:
         schedule=replace(thesis.schedule, check_every=300),
         accelerator="cpu",
     )
-
-
-@dataclass(frozen=True, kw_only=True)
-class NetworkSizes:
-    """Sizes of both networks; the values are those of tables 7.1 to 7.3.
-
-    Attributes:
-        backbone: Name in `models.backbones`.
-        backbone_weights: "imagenet", "random", or a safetensors file with torchvision's names.
-        input_size: Width and height that pictures are fitted into, in pixels.
-        anchors: Sizes of the five levels, ratios and scales.
-        pyramid_width: Channels of the pyramid and the subnets.
-        subnet_depth: Convolutions of each subnet before its last one.
-        gaussian: Whether pyramid and subnets begin as in the thesis (4.1.2).
-        nodes: N_n, nodes an anchor and a token.
-        longest: l_seq, tokens of a sentence and of a target, marks included.
-        embedding_size, layers, heads, attention_size, feed_forward_size, dropout: Of the
-            Transformer.
-    """
-
-    backbone: str = "resnet152"
-    backbone_weights: str = backbones.IMAGENET
-    input_size: tuple[int, int] = (990, 540)
-    anchors: AnchorShapes = field(default_factory=thesis_anchors)
-    pyramid_width: int = 256
-    subnet_depth: int = 4
-    gaussian: bool = True
-    nodes: int = 4
-    longest: int = 200
-    embedding_size: int = 50
-    layers: int = 4
-    heads: int = 4
-    attention_size: int = 12
-    feed_forward_size: int = 256
-    dropout: float = 0.15
 
 
 def small_sizes() -> NetworkSizes:

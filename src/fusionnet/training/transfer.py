@@ -32,19 +32,27 @@ class TrainedTransformer:
     Attributes:
         folder: Where they were read.
         vocabularies: Tokens that it reads and tokens that it writes.
+        writes: What it was trained to write.
         tensors: Its weights.
     """
 
     folder: Path
     vocabularies: tuple[tuple[str, ...], tuple[str, ...]]
+    writes: str
     tensors: dict[str, Tensor]
 
     def fill(self, model: ThesisFusionNet) -> None:
         """Fill a FusionNet's language module; the fusion sublayer if it fits.
 
         Raises:
-            CheckpointError: If the sizes differ.
+            CheckpointError: If it writes something else, or the sizes differ.
         """
+        if self.writes != model.config.writes:
+            raise CheckpointError(
+                f"The Transformer in {self.folder} was trained to write {self.writes!r}, this "
+                f"FusionNet is to write {model.config.writes!r}; give --writes {self.writes}, or "
+                "another Transformer."
+            )
         _fill(model.transformer, self.tensors, self.folder)
 
 
@@ -59,7 +67,8 @@ def transfer_transformer(folder: Path) -> TrainedTransformer:
         words = [tuple(map(str, checkpoint.config[name])) for name in ("source", "target")]
     except (KeyError, TypeError) as error:
         raise CheckpointError(f"The checkpoint {folder} has no vocabularies.") from error
-    return TrainedTransformer(folder, (words[0], words[1]), checkpoint.tensors)
+    writes = str(checkpoint.config.get("writes"))
+    return TrainedTransformer(folder, (words[0], words[1]), writes, checkpoint.tensors)
 
 
 def _fill(part: nn.Module, tensors: dict[str, Tensor], folder: Path) -> None:

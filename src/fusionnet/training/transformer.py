@@ -195,9 +195,10 @@ def learn(
         translator.network,
         lambda first: batches(pairs, translator, config, first),
         transformer_losses,
-        replace(config.loop, learning_rate=rate, seed=config.seed),
+        replace(config.loop, learning_rate=rate),
         folder=folder,
         settings=config,
+        seed=config.seed,
         progress=progress,
     )
     translator.network.cpu()

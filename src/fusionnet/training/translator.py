@@ -8,7 +8,7 @@ anew each time it is seen (`sentence_augmentation`).
 import logging
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, field
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -144,9 +144,10 @@ def train(config: TranslatorConfig, *, progress: Progress | None = None) -> dict
         network,
         lambda first: batches(sentences, vocabulary, config, first, invented),
         lambda wrapped, batch: translator_losses(wrapped, batch, config.smoothing),
-        replace(config.loop, seed=config.seed),
+        config.loop,
         folder=config.work,
         settings=config,
+        seed=config.seed,
         progress=progress,
     )
     if not is_first_process():
