@@ -279,5 +279,12 @@ def test_readings_of_another_reader_are_not_taken_for_this_ones(
     run(tmp_path / "other", 2)
     run(DETECTOR, 1)
     assert asked[2:] == ["other 1", "other 2", "detector 1"]
+    shutil.copytree(DETECTOR, tmp_path / "softer")
+    file = tmp_path / "softer/config.json"
+    document = json.loads(file.read_text())
+    document["config"]["temperature"] = 3.0
+    file.write_text(json.dumps(document))
+    run(tmp_path / "softer", 1)
+    assert asked[5:] == ["softer 1"]
     with pytest.raises(CheckpointError, match="No checkpoint at"):
         run(tmp_path / "none", 1)

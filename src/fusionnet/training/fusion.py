@@ -6,6 +6,7 @@ The planner labels varied trees of the training groups on varied layouts
 """
 
 import hashlib
+import json
 import logging
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -19,7 +20,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from fusionnet.blocks import Move, plan
+from fusionnet.blocks import Move, layout_to_json, plan
 from fusionnet.corpora import Command, load_corpus
 from fusionnet.errors import InputError
 from fusionnet.models.checkpoint import WEIGHTS_FILE
@@ -188,19 +189,21 @@ def _reader_outputs(
 ) -> ReaderOutputs:
     """What the reader says of pictures of varied layouts of the training groups.
 
-    It is kept under a name that tells the reader's weights and the pictures apart from others.
+    It is kept under a name that tells the reader, its settings and the pictures apart from others.
     """
     assert config.reader is not None
     reader = RetinaNet.from_folder(config.reader)
-    weights = hashlib.blake2b((config.reader / WEIGHTS_FILE).read_bytes(), digest_size=6)
+    layouts = list({id(s): s for c in learnt for s in (c.scene.before, c.scene.after)}.values())
+    told = [reader.config.as_json(), [layout_to_json(layout) for layout in layouts]]
+    digest = hashlib.blake2b((config.reader / WEIGHTS_FILE).read_bytes(), digest_size=6)
+    digest.update(json.dumps(told).encode())
     pictures = f"{config.robot}-{config.corpus}-{config.pictures}-{config.seed}"
-    file = config.work / f"reader_outputs-{weights.hexdigest()}-{pictures}.npz"
+    file = config.work / f"reader_outputs-{digest.hexdigest()}-{pictures}.npz"
     if not file.is_file():
-        layouts = {id(s): s for c in learnt for s in (c.scene.before, c.scene.after)}
         collect_reader_outputs(
             file,
             reader,
-            list(layouts.values()),
+            layouts,
             count=config.pictures,
             seed=config.seed,
             robot=config.robot,
