@@ -14,7 +14,10 @@ from fusionnet.dataset.layouts import varied_layout
 from fusionnet.dataset.pictures import EYE_FRAME, label
 from fusionnet.dataset.reader import StoredPictures
 from fusionnet.errors import InputError
+from fusionnet.models import retinanet
+from fusionnet.models.heads import camera_pose, occupancy
 from fusionnet.models.heads.boxes import BoxConfig, Boxes, BoxHead, BoxOutputs
+from fusionnet.models.policy_folder import detector_folder
 from fusionnet.models.retinanet import RetinaNet
 from fusionnet.randomness import generator
 from fusionnet.simulation import Appearance, SceneRenderer
@@ -273,3 +276,31 @@ def test_measures_of_a_perfect_reader(stored, model, monkeypatch):
     assert metrics["layout_right"] == metrics["blocks_right"] == metrics["holding_right"] == 1.0
     assert metrics["phantoms"] == 0.0 and metrics["pose_pixels"] == pytest.approx(0.0, abs=1e-3)
     assert dataclasses.is_dataclass(truth)
+
+
+def test_what_makes_it_fast_changes_next_to_nothing(renderer, monkeypatch):
+    """Half precision and oneDNN depend on the processor; what is read must not."""
+    model = RetinaNet.from_folder(detector_folder("compact"))
+    image = renderer.view(TABLE, labels=False).image
+    sights = []
+    for half in (False, True):
+        monkeypatch.setattr(retinanet, "_half_is_fast", lambda half=half: half)
+        sights.append(model.see(image))
+    exact, rough = sights
+    np.testing.assert_allclose(rough.cells, exact.cells, atol=0.05)
+    np.testing.assert_allclose(rough.corners, exact.corners, atol=0.3)
+    assert (rough.boxes.classes == exact.boxes.classes).all()
+    monkeypatch.setattr(occupancy.GridConvolution, "forward", torch.nn.Conv3d.forward)
+    monkeypatch.setattr(retinanet, "_half_is_fast", lambda: False)
+    np.testing.assert_allclose(model.see(image).cells, exact.cells, atol=1e-5)
+
+
+def test_rotations_are_exact_and_smooth_at_zero():
+    vectors = torch.tensor([[0.0, 0.0, 0.0], [0.3, -0.2, 0.1], [1e-4, 0.0, 0.0]])
+    vectors.requires_grad_()
+    turned = camera_pose._rotation(vectors)
+    expected = torch.linalg.matrix_exp(camera_pose._cross_matrix(vectors))
+    torch.testing.assert_close(turned, expected, atol=1e-6, rtol=0)
+    ours = torch.autograd.grad(turned[:, 0, 1].sum(), vectors, retain_graph=True)[0]
+    theirs = torch.autograd.grad(expected[:, 0, 1].sum(), vectors)[0]
+    torch.testing.assert_close(ours, theirs, atol=1e-5, rtol=0)

@@ -9,6 +9,7 @@ References:
     Lin et al. (2017), Focal loss for dense object detection; thesis, sections 2.1.10 and 4.1.
 """
 
+import functools
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -186,6 +187,9 @@ class RetinaNet(nn.Module):
     def see_prepared(self, picture: UInt8[np.ndarray, "h w 3"]) -> Sight:
         """The same from a picture that is cropped and sized as the network's input.
 
+        Convolutions are in half precision (bfloat16), as in training, where the processor has
+        instructions for it.
+
         Raises:
             CheckpointError: If this detector finds boxes only.
         """
@@ -193,7 +197,8 @@ class RetinaNet(nn.Module):
             raise CheckpointError(
                 "This detector finds boxes only and reads no layout; use one of the preset compact."
             )
-        outputs = self(torch.from_numpy(picture)[None])
+        with torch.autocast("cpu", torch.bfloat16, enabled=_half_is_fast()):
+            outputs = self(torch.from_numpy(picture)[None])
         found = self.box_head.predict(outputs["boxes"])[0]
         xyxy = torch.from_numpy(self.frame.to_eye(found.xyxy.double().numpy()))
         detected = Boxes(xyxy, found.classes, found.scores)
@@ -270,6 +275,13 @@ class RetinaNet(nn.Module):
             ) from error
         restore(model, checkpoint.tensors, folder)
         return model.eval()
+
+
+@functools.cache
+def _half_is_fast() -> bool:
+    """Whether the processor multiplies in bfloat16, which other processors only emulate."""
+    has: dict[str, Any] = getattr(torch.cpu, "get_capabilities", dict)()
+    return bool(has.get("avx512_bf16") or has.get("amx_bf16"))
 
 
 def _grow(features: Tensor, like: Tensor) -> Tensor:

@@ -184,11 +184,13 @@ def _found(outputs: BoxOutputs, coder: BoxCoder) -> list[Boxes]:
     classes, offsets, anchors, size = outputs
     found = []
     for logits, offset in zip(classes, offsets, strict=True):
-        scores, flat = logits.sigmoid().flatten().topk(min(CANDIDATES, logits.numel()))
+        scores, flat = logits.float().sigmoid().flatten().topk(min(CANDIDATES, logits.numel()))
         keep = scores > SCORE
         scores, flat = scores[keep], flat[keep]
         which, labels = flat // CLASSES, flat % CLASSES
-        boxes = clip_boxes_to_image(coder.decode_single(offset[which], anchors[which]), size)
+        boxes = clip_boxes_to_image(
+            coder.decode_single(offset[which].float(), anchors[which]), size
+        )
         kept = batched_nms(boxes, scores, labels, OVERLAP)
         found.append(Boxes(boxes[kept], labels[kept], scores[kept]))
     return found

@@ -100,7 +100,7 @@ class CameraPose(nn.Module):
 
     def _project(self, deviation: Tensor, points: Tensor) -> Tensor:
         scaled = deviation * self.units
-        rotation = torch.linalg.matrix_exp(_cross_matrix(scaled[:, :3]))
+        rotation = _rotation(scaled[:, :3])
         nominal = points @ self.nominal[:3, :3].T + self.nominal[:3, 3]
         moved = nominal @ rotation.transpose(1, 2) + scaled[:, None, 3:6]
         ratio = moved[..., :2] / moved[..., 2:].clamp(min=1e-3)
@@ -110,7 +110,7 @@ class CameraPose(nn.Module):
     def viewpoint(self, deviation: Float[Tensor, "b 7"]) -> Float[Tensor, "b 3"]:
         """Where the camera stands, in the board frame, in metres."""
         scaled = deviation.float() * self.units
-        turned = torch.linalg.matrix_exp(_cross_matrix(scaled[:, :3]))
+        turned = _rotation(scaled[:, :3])
         rotation = turned @ self.nominal[:3, :3]
         moved = turned @ self.nominal[:3, 3] + scaled[:, 3:6]
         return -(rotation.transpose(1, 2) @ moved[..., None])[..., 0]
@@ -121,7 +121,7 @@ class CameraPose(nn.Module):
         """Intrinsics for the network's input, and `camera_from_board`, of one deviation."""
         scaled = (deviation.float() * self.units)[0]
         moved = torch.eye(4)
-        moved[:3, :3] = torch.linalg.matrix_exp(_cross_matrix(scaled[None, :3]))[0]
+        moved[:3, :3] = _rotation(scaled[None, :3])[0]
         moved[:3, 3] = scaled[3:6]
         matrix = self.matrix.clone()
         matrix[0, 0], matrix[1, 1] = torch.diag(self.matrix)[:2] * scaled[6].exp()
@@ -182,6 +182,14 @@ def _volume_corners() -> Float[Tensor, "8 3"]:
     """The corners of the lower half of the grid's volume, where most blocks are."""
     ends = torch.tensor([0.0, GRID * BLOCK_SIZE])
     return torch.cartesian_prod(ends, ends, ends / 2)
+
+
+def _rotation(vector: Float[Tensor, "b 3"]) -> Float[Tensor, "b 3 3"]:
+    """The rotations about `vector` by its length (Rodrigues' formula), smooth also at zero."""
+    angle = (vector.square().sum(dim=1) + 1e-12).sqrt()[:, None, None] / torch.pi
+    cross = _cross_matrix(vector)
+    unit = torch.eye(3, device=vector.device, dtype=vector.dtype)
+    return unit + torch.sinc(angle) * cross + 0.5 * torch.sinc(angle / 2) ** 2 * cross @ cross
 
 
 def _cross_matrix(vector: Float[Tensor, "b 3"]) -> Float[Tensor, "b 3 3"]:

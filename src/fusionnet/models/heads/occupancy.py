@@ -11,11 +11,31 @@ from collections.abc import Sequence
 import torch
 from jaxtyping import Float, Int
 from torch import Tensor, nn
+from torch.backends import mkldnn
 
 from fusionnet.blocks import BLOCK_SIZE, EMPTY, GRID
 from fusionnet.errors import InputError
 from fusionnet.models.heads._head import Example, Features, Head, Shapes
 from fusionnet.models.heads.camera_pose import sample
+
+
+class GridConvolution(nn.Conv3d):
+    """A three-dimensional convolution of 3x3x3 cells that takes a third of the time for one grid.
+
+    PyTorch leaves what has few rows to a slow implementation of its own; a batch goes to oneDNN.
+    """
+
+    def __init__(self, source: int, target: int, *, bias: bool = True) -> None:
+        super().__init__(source, target, 3, padding=1, bias=bias)
+
+    def forward(self, x: Float[Tensor, "b c 8 8 8"]) -> Float[Tensor, "b c2 8 8 8"]:
+        """The same, by oneDNN where PyTorch would not use it."""
+        one_grid = len(x) == 1 and x.device.type == "cpu" and x.dtype == torch.float32
+        other = torch.is_grad_enabled() or torch.is_autocast_enabled("cpu")
+        if not one_grid or other or torch.compiler.is_compiling() or not mkldnn.is_available():
+            return super().forward(x)
+        one = (1, 1, 1)
+        return torch.mkldnn_convolution(x, self.weight, self.bias, one, one, one, 1)
 
 
 class Occupancy(nn.Module):
@@ -60,10 +80,10 @@ class Occupancy(nn.Module):
         self.position = nn.Parameter(torch.zeros(GRID**3, width))
         self.reason = nn.ModuleList(
             nn.Sequential(
-                nn.Conv3d(width, width, 3, padding=1, bias=False),
+                GridConvolution(width, width, bias=False),
                 nn.BatchNorm3d(width),
                 nn.ReLU(inplace=True),
-                nn.Conv3d(width, width, 3, padding=1),
+                GridConvolution(width, width),
             )
             for _ in range(blocks)
         )
