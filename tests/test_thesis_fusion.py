@@ -270,7 +270,7 @@ def test_the_preset_is_the_network_of_tables_7_1_to_7_3():
     assert network.config.detector.backbone == "tiny"
 
 
-def test_a_transformer_that_writes_something_else_is_refused(config, tmp_path):
+def test_a_transformer_that_writes_something_else_is_refused(config, tmp_path, caplog):
     model = new_model(config)
     words = model.config.source, model.config.target
     kept = Transformer(model.transformer, model.source, model.target, model.source, writes="short")
@@ -279,9 +279,20 @@ def test_a_transformer_that_writes_something_else_is_refused(config, tmp_path):
     assert (again.config.source, again.config.target) == words
     with pytest.raises(CheckpointError, match="trained to write 'short'.*is to write 'rcl'"):
         new_model(dataclasses.replace(config, writes="rcl", translator=tmp_path / "short"))
-    heads_of = dataclasses.replace(config.sizes, layers=2)
-    with pytest.raises(CheckpointError, match="Choose the same sizes as it was trained with"):
-        new_model(dataclasses.replace(config, sizes=heads_of, translator=tmp_path / "short"))
+    for changes, said in (
+        ({"layers": 2}, "layers is 1 there, 2 here"),
+        ({"feed_forward_size": 64}, "feed_forward_size is 128 there, 64 here"),
+    ):
+        sizes = dataclasses.replace(config.sizes, **changes)
+        with pytest.raises(CheckpointError, match=f"{said}.*Choose the same sizes as it was"):
+            new_model(dataclasses.replace(config, sizes=sizes, translator=tmp_path / "short"))
+    name = "transformer.encoder.0.wide.weight"
+    assert torch.equal(again.state_dict()[name], model.state_dict()[name])
+    assert "begin anew" not in caplog.text
+    sizes = dataclasses.replace(config.sizes, nodes=6)
+    more = new_model(dataclasses.replace(config, sizes=sizes, translator=tmp_path / "short"))
+    assert torch.equal(more.state_dict()[name], model.state_dict()[name])
+    assert "was trained with 4, and here are 6" in caplog.text
 
 
 def test_weights_are_transferred_and_misfits_refused(config, tmp_path):
@@ -295,7 +306,7 @@ def test_weights_are_transferred_and_misfits_refused(config, tmp_path):
     wider = new_model(dataclasses.replace(config, sizes=nodes, detector=tmp_path / "detector"))
     assert torch.equal(wider.state_dict()[name], model.state_dict()[name])
     wrong = dataclasses.replace(config.sizes, pyramid_width=24)
-    with pytest.raises(CheckpointError, match=r"box_head.*is \(.*Choose the same sizes"):
+    with pytest.raises(CheckpointError, match=r"width is 16 there, 24 here; .*box_head"):
         new_model(dataclasses.replace(config, sizes=wrong, detector=tmp_path / "detector"))
     with pytest.raises(CheckpointError, match="expected a 'transformer'"):
         new_model(dataclasses.replace(config, translator=tmp_path / "detector"))

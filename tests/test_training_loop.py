@@ -5,6 +5,7 @@ from pathlib import Path
 import pytest
 import torch
 
+from fusionnet.apps.cli import main
 from fusionnet.errors import CheckpointError, InputError
 from fusionnet.training.loop import LoopConfig, fit
 from fusionnet.training.optimizers import OptimizerConfig
@@ -89,6 +90,21 @@ def test_training_lowers_the_loss_and_logs_json_lines(tmp_path):
     assert sum(file.stat().st_size for file in (tmp_path / "tensorboard").iterdir()) > 500
     written = [json.loads(line) for line in (tmp_path / "log.jsonl").read_text().splitlines()]
     assert written == history
+
+
+def test_the_seed_alone_decides_what_the_network_draws():
+    logged = [
+        fit(_model(), _batches, _losses, _config(steps=3, log_every=1), seed=seed)[-1]["loss"]
+        for seed in (0, 0, 1)
+    ]
+    assert logged[0] == logged[1] != logged[2]
+
+
+@pytest.mark.parametrize("preset", ["compact", "end-to-end", "thesis", "thesis-small"])
+def test_there_is_one_seed_to_give(preset, capsys):
+    dataset = [] if preset == "compact" else ["nowhere"]
+    assert main(["train", "fusion", *dataset, "--preset", preset, "--loop.seed", "3"]) == 2
+    assert "loop.seed" in capsys.readouterr().err
 
 
 def test_a_loss_of_weight_zero_does_not_train():
