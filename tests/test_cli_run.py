@@ -223,6 +223,7 @@ BAD_INPUTS = {
     "corpus elsewhere": lambda t: [
         SENTENCE, "--scene", "1", "--corpus", "treebank", "--data", str(t)
     ],
+    "unknown policy": lambda t: [SENTENCE, "--policy", "fusoin"],
     "unknown checkpoint": lambda t: [SENTENCE, "--checkpoint", "compat"],
     "checkpoint is missing": lambda t: [SENTENCE, "--checkpoint", str(t / "nowhere")],
     "checkpoint is empty": lambda t: [SENTENCE, "--checkpoint", str(t)],
