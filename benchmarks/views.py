@@ -2,32 +2,38 @@
 
     MUJOCO_GL=egl OMP_NUM_THREADS=1 python benchmarks/views.py --photographs FOLDER --images 60
 
-prints four things as JSON. Photographs (with `--photographs`, of a board of 10 x 7 squares of
+prints six things as JSON. Photographs (with `--photographs`, of a board of 10 x 7 squares of
 2.5 cm, OpenCV's samples): the calibration's reprojection error, and its focal length against
 `cv2.calibrateCamera`'s own. Rooms (with `--images`, photographs a room): the six rooms are
-photographed and calibrated, and lenses and poses compared with the true ones. Rooms' light: the
-lamp that an overlay estimates in the fifteen shipped views, whose lamp is known and far away, so
-that the board is evenly bright. Near lamps: the same with a lamp half a metre from the board.
+photographed and calibrated, and lenses, poses, and lamps found by their glints compared with the
+true ones. Other rooms (likewise): lamps found by their glints where surfaces are duller or lamps
+near. Rooms' light: the lamp of overlays in the fifteen shipped views. Rooms' light by one picture:
+the same without what other photographs tell of lamps; they are far away, so that the board is
+evenly bright. Near lamps: by one picture, with a lamp half a metre from the board.
 """
 
 import json
 import tempfile
 import time
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import cv2
 import numpy as np
 import tyro
+from jaxtyping import Float
 
-from fusionnet.geometry import invert
+from fusionnet.geometry import apply, invert
 from fusionnet.provenance import provenance
 from fusionnet.randomness import generator
 from fusionnet.views import EnvironmentalView, load_views
 from fusionnet.views.calibration import calibrate
 from fusionnet.views.checkerboard import Checkerboard
-from fusionnet.views.importing import import_views
+from fusionnet.views.furniture import WINDOW_DIRECTION
+from fusionnet.views.glints import NO_LAMPS, glints_in, lamp_rays
+from fusionnet.views.importing import import_views, lamp_rays_in
 from fusionnet.views.lighting import estimate_light
 from fusionnet.views.photographing import (
     chosen_views,
@@ -41,6 +47,14 @@ from fusionnet.views.pose import GridPlacement, facing
 from fusionnet.views.rooms import BOARD, PLACEMENT, ROOMS, Room, RoomPhotographer, view_poses
 
 ROOM = {room.name: room for room in ROOMS}
+OTHER_ROOMS: dict[str, dict[str, float]] = {
+    "a third of the gloss": {"gloss": 0.3},
+    "a tenth of the gloss": {"gloss": 0.1},
+    "a thirtieth of the gloss": {"gloss": 0.03},
+    "no gloss": {"gloss": 0.0},
+    "main lamp at 1 m": {"lamp_distance": 1.0},
+    "main lamp at 0.5 m": {"lamp_distance": 0.5},
+}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -84,7 +98,7 @@ def photographs_against_opencv(folder: Path) -> dict[str, Any]:
 
 
 def rooms_against_truth(images: int, seed: int) -> dict[str, Any]:
-    """Errors of lenses and poses of the six rooms, which are photographed anew."""
+    """Errors of lenses, poses and lamps of the six rooms, which are photographed anew."""
     with tempfile.TemporaryDirectory() as folder:
         places = photograph_rooms(Path(folder), images, seed=seed)
         calibration = calibrate([find_boards(place, BOARD) for place in places], BOARD)
@@ -93,7 +107,68 @@ def rooms_against_truth(images: int, seed: int) -> dict[str, Any]:
             "mean_reprojection_error_px": round(calibration.mean_error, 4),
             **{name: round(x, 4) for name, x in room_errors(calibration).as_json().items()},
             "views": len(import_views(calibration, only=chosen_views()).views),
+            "lamps": lamps_against_truth(
+                {
+                    environment.environment.name: lamp_rays_in(calibration, environment)
+                    for environment in calibration.environments
+                }
+            ),
         }
+
+
+def lamps_against_truth(rays: dict[str, Float[np.ndarray, "k 3"]]) -> dict[str, Any]:
+    """How far the rays found in rooms (pattern's frame) are from the true ones, in degrees.
+
+    A lamp that is not found has no error; one that is not there counts with its angle to the true.
+    """
+    turn = PLACEMENT.pattern_from_board(BOARD)[:3, :3]
+    errors = {
+        name: [
+            round(angle(ray, turn @ true), 1)
+            for ray, true in zip(
+                found, (ROOM[name].light_direction, WINDOW_DIRECTION), strict=False
+            )
+        ]
+        for name, found in rays.items()
+    }
+    found: dict[str, Any] = {"errors_degrees": errors}
+    for index, lamp in enumerate(("main_lamp", "second_lamp")):
+        known = [each[index] for each in errors.values() if len(each) > index]
+        found[lamp] = {"rooms": len(known)}
+        if known:
+            found[lamp] |= {"mean": round(float(np.mean(known)), 1), "largest": max(known)}
+    return found
+
+
+def other_rooms(images: int, seed: int) -> dict[str, Any]:
+    """Errors of lamps in rooms with other surfaces and lamps, where every pose is exact."""
+    return {
+        name: lamps_against_truth(
+            {room.name: _rays(replace(room, **changes), images, seed) for room in ROOMS}
+        )
+        for name, changes in OTHER_ROOMS.items()
+    }
+
+
+def _rays(room: Room, images: int, seed: int) -> Float[np.ndarray, "k 3"]:
+    photographer = RoomPhotographer(room, seed=seed)
+    lens, glints = photographer.lens, []
+    for name in photograph_names(room, images):
+        pose = photograph_pose(room, name, lens.size, seed)
+        pattern_pose = pose @ invert(PLACEMENT.pattern_from_board(BOARD))
+        corners = lens.project(apply(pattern_pose, BOARD.points))
+        if corners.min() < 0 or (corners > np.array(lens.size) - 1).any():
+            continue
+        image = photographer.take(pose, generator(seed, "sensor noise", room.name, name))
+        glints.append(glints_in(image, corners, BOARD, pattern_pose))
+    photographer.close()
+    return lamp_rays([each for each in glints if each is not None])
+
+
+def angle(first: Float[np.ndarray, "3"], second: Float[np.ndarray, "3"]) -> float:
+    """Between two directions of any length, in degrees."""
+    cosine = first @ second / (np.linalg.norm(first) * np.linalg.norm(second))
+    return float(np.degrees(np.arccos(np.clip(cosine, -1, 1))))
 
 
 def lamp_error(view: EnvironmentalView, ray: np.ndarray) -> dict[str, float]:
@@ -110,7 +185,7 @@ def lamp_error(view: EnvironmentalView, ray: np.ndarray) -> dict[str, float]:
     return {
         "side_degrees": abs(float(np.degrees(turn))),
         "height_degrees": abs(float(np.degrees(np.arcsin(-found[2]) - np.arcsin(-true[2])))),
-        "angle_degrees": float(np.degrees(np.arccos(np.clip(found @ true, -1, 1)))),
+        "angle_degrees": angle(found, true),
     }
 
 
@@ -120,11 +195,11 @@ def turned(ray: np.ndarray, quarter_turns: int) -> np.ndarray:
     return (invert(turn) @ PLACEMENT.pattern_from_board(BOARD))[:3, :3] @ ray
 
 
-def shipped_rooms() -> list[dict[str, float]]:
-    """Errors in the fifteen views: lamps far away."""
+def errors_in(views: Sequence[EnvironmentalView]) -> list[dict[str, float]]:
+    """Errors in the views of rooms: lamps far away."""
     found = []
     truth = {room: _poses(ROOM[room]) for room in ROOM}
-    for view in load_views("rooms"):
+    for view in views:
         pose = truth[view.environment][view.name.removeprefix(f"{view.environment}-")]
         ray = ROOM[view.environment].light_direction
         found.append(lamp_error(view, turned(ray, facing(pose))))
@@ -193,12 +268,17 @@ def measure(config: Config) -> dict[str, Any]:
     """All of it, and what it was measured with."""
     begun = time.perf_counter()
     real = photographs_against_opencv(config.photographs) if config.photographs else None
+    views = load_views("rooms")
+    alone = [replace(view, light_directions=NO_LAMPS) for view in views]
+    images, seed = config.images, config.seed
     return {
         "photographs": real,
-        "rooms": rooms_against_truth(config.images, config.seed) if config.images else None,
-        "light_of_rooms": summary(shipped_rooms()),
+        "rooms": rooms_against_truth(images, seed) if images else None,
+        "lamps_of_other_rooms": other_rooms(images, seed) if images else None,
+        "light_of_rooms": summary(errors_in(views)),
+        "light_of_rooms_by_one_picture": summary(errors_in(alone)),
         "light_of_near_lamps": summary(near_lamps(config.lamps, config.seed)),
-        "command": f"python benchmarks/views.py --photographs FOLDER --images {config.images}",
+        "command": f"python benchmarks/views.py --photographs FOLDER --images {images} --seed {seed}",
         "seed": config.seed,
         "duration_seconds": round(time.perf_counter() - begun, 1),
         **provenance(),

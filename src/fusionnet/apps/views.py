@@ -23,6 +23,7 @@ from fusionnet.views.mesh_sheet import mesh_sheet
 from fusionnet.views.photographing import chosen_views, parted, photograph_rooms, room_errors
 from fusionnet.views.photographs import FEWEST_USABLE, Environment, Photograph, find_boards
 from fusionnet.views.rooms import BOARD
+from fusionnet.views.view import EnvironmentalView
 from fusionnet.views.view_files import load_views, save_views, write_views
 
 Folders = tyro.conf.Positional[tuple[Path, ...]]
@@ -142,7 +143,8 @@ def import_(config: ImportConfig) -> dict[str, Any]:
     with folder_whole(config.out) as aside:
         write_views(aside, views)
         write_report(aside, calibration)
-    return {"views": len(views), **_summary(calibration, imported.left_out)}
+    found = {"views": len(views), "lamps_found": _lamps_found(views)}
+    return {**found, **_summary(calibration, imported.left_out)}
 
 
 def rooms(config: RoomsConfig) -> dict[str, Any]:
@@ -161,8 +163,9 @@ def rooms(config: RoomsConfig) -> dict[str, Any]:
     with folder_whole(config.out) as aside:
         write_views(aside, parted(imported.views))
         write_report(aside, calibration)
+    found = {"views": len(imported.views), "lamps_found": _lamps_found(imported.views)}
     errors = room_errors(calibration).as_json()
-    return {"views": len(imported.views), **errors, **_summary(calibration, imported.left_out)}
+    return {**found, **errors, **_summary(calibration, imported.left_out)}
 
 
 def draw(config: DrawConfig) -> dict[str, Any]:
@@ -213,6 +216,11 @@ def _counted(bar: Bar) -> Callable[[list[Path]], Iterator[Path]]:
         bar(len(files), len(files))
 
     return each
+
+
+def _lamps_found(views: tuple[EnvironmentalView, ...]) -> dict[str, int]:
+    """How many lamps each environment's photographs tell of; without one the light is nominal."""
+    return {view.environment: len(view.light_directions) for view in views}
 
 
 def _summary(calibration: Calibration, left_out: tuple[Photograph, ...]) -> dict[str, Any]:

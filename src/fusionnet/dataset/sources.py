@@ -51,12 +51,12 @@ def corpus_digest(corpus: Corpus) -> str:
 
 
 def views_digest(views: Sequence[EnvironmentalView]) -> str:
-    """A checksum over pictures, poses and parts; empty for no views."""
+    """A checksum over pictures, poses, lamps and parts; empty for no views."""
     digest = hashlib.blake2b(digest_size=16)
     for view in views:
         about = (view.name, view.environment, view.part, view.image.shape)
         digest.update(repr(about).encode())
-        for array in (view.image, view.matrix, view.camera_from_board):
+        for array in (view.image, view.matrix, view.camera_from_board, view.light_directions):
             digest.update(np.ascontiguousarray(array).tobytes())
     return digest.hexdigest() if views else ""
 

@@ -13,6 +13,9 @@ _TABLE_HEIGHT = 0.72
 _FREE_RADIUS = 0.235
 """Nothing but the board lies nearer to the grid's middle, in metres."""
 
+WINDOW_DIRECTION = np.array([-0.2, -0.75, -0.63])
+"""Of the rays of the second light, in the frame of the grid; any length."""
+
 _GEOM = mujoco.mjtGeom
 _LIGHTS = {
     # name: main lamp, second light and everywhere, each red, green and blue
@@ -47,7 +50,7 @@ def add_room(
         main.castshadow = False
     second = spec.worldbody.add_light()
     second.type = mujoco.mjtLightType.mjLIGHT_DIRECTIONAL
-    second.dir = np.array([-0.2, -0.75, -0.63])
+    second.dir = WINDOW_DIRECTION
     second.pos = _MIDDLE - second.dir
     second.diffuse, second.specular = np.array(window), 0.2 * np.array(window)
     second.ambient, second.castshadow = np.zeros(3), lighting == "mixed"

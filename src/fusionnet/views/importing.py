@@ -10,6 +10,7 @@ from fusionnet.blocks.grid import BLOCK_SIZE
 from fusionnet.errors import InputError
 from fusionnet.geometry import invert
 from fusionnet.views.calibration import CalibratedEnvironment, Calibration
+from fusionnet.views.glints import NO_LAMPS, glints_in, lamp_rays
 from fusionnet.views.photographs import Photograph
 from fusionnet.views.picture_file import read_picture
 from fusionnet.views.pose import (
@@ -81,6 +82,36 @@ def deviation_in(
     return place_deviation(pixels, board, calibration.matrix, pose)
 
 
+def lamp_rays_in(
+    calibration: Calibration, environment: CalibratedEnvironment
+) -> Float[np.ndarray, "k 3"]:
+    """The rays of the lamps that the glints in an environment's photographs tell of.
+
+    Returns:
+        As `lamp_rays`, in the pattern's frame; none for a board whose ends look alike.
+
+    Raises:
+        InputError: If a photograph cannot be read any more, or no pose explains its corners.
+    """
+    if not calibration.board.oriented:
+        return NO_LAMPS
+    glints = []
+    for photograph in environment.used:
+        assert photograph.corners is not None
+        pose = _pattern_pose(calibration, environment, photograph)
+        picture = read_picture(photograph.file)
+        seen = glints_in(picture, photograph.corners, calibration.board, pose)
+        glints += [] if seen is None else [seen]
+    return lamp_rays(glints)
+
+
+def _pattern_pose(
+    calibration: Calibration, environment: CalibratedEnvironment, photograph: Photograph
+) -> Float[np.ndarray, "4 4"]:
+    pixels = _undistorted_corners(calibration, environment, photograph)
+    return estimate_pose(pixels, calibration.board, calibration.matrix)
+
+
 def _undistorted_corners(
     calibration: Calibration, environment: CalibratedEnvironment, photograph: Photograph
 ) -> Float[np.ndarray, "n 2"]:
@@ -91,23 +122,36 @@ def _undistorted_corners(
 
 
 def view_of(
-    calibration: Calibration, environment: CalibratedEnvironment, photograph: Photograph
+    calibration: Calibration,
+    environment: CalibratedEnvironment,
+    photograph: Photograph,
+    rays: Float[np.ndarray, "k 3"] = NO_LAMPS,
 ) -> EnvironmentalView:
     """A photograph as the calibration's one pinhole camera would have taken it, for training.
 
     The whole grid need not be in the picture.
 
+    Args:
+        calibration: Of all environments.
+        environment: Whose lens took it.
+        photograph: One in which the board was found.
+        rays: Of the environment's lamps, in the pattern's frame, as `lamp_rays_in` finds them.
+
     Raises:
         InputError: If it cannot be read, or no pose explains its corners.
     """
     picture = read_picture(photograph.file)
+    pose = pose_in(calibration, environment, photograph)
+    pattern_pose = _pattern_pose(calibration, environment, photograph)
+    board_from_pattern = np.rint(pose[:3, :3].T @ pattern_pose[:3, :3])
     return EnvironmentalView(
         name=f"{photograph.environment}-{photograph.file.stem}",
         environment=photograph.environment,
         part="train",
         image=environment.lens.undistort(picture, calibration.undistorted_to),
         matrix=calibration.matrix,
-        camera_from_board=pose_in(calibration, environment, photograph),
+        camera_from_board=pose,
+        light_directions=rays @ board_from_pattern.T,
     )
 
 
@@ -129,11 +173,11 @@ def import_views(
     """
     views, left_out = [], list(calibration.left_out)
     for environment in calibration.environments:
-        for photograph in environment.used:
-            if only is not None and photograph.name not in only:
-                continue
+        wanted = [p for p in environment.used if only is None or p.name in only]
+        rays = lamp_rays_in(calibration, environment) if wanted else NO_LAMPS
+        for photograph in wanted:
             try:
-                view = view_of(calibration, environment, photograph)
+                view = view_of(calibration, environment, photograph, rays)
                 check_view(view)
                 _check_certain(deviation_in(calibration, environment, photograph), most_uncertain)
             except InputError as error:

@@ -1,10 +1,11 @@
 """The light of a photograph, estimated from the board in it, so that blocks fit in.
 
 What a plane of known pattern tells: how bright and of which colour the light is (the pale
-squares), and, if they grow brighter towards one side, on which side the lamp stands. What
-it cannot tell is how high the lamp stands and how much of the light comes straight from it:
-both are nominal. Everything is in the picture's own, gamma-encoded, values, as all shading
-in FusionNet is. A board that is covered or missing is taken for a pale table.
+squares), and, if they grow brighter towards one side, on which side the lamp stands. Where lamps
+stand is better known from all photographs of the same board (`glints.py`), if a view says so.
+How much of the light comes straight from them is nominal. Everything is in the picture's own,
+gamma-encoded, values, as all shading in FusionNet is. A board that is covered or missing is taken
+for a pale table.
 """
 
 from dataclasses import replace
@@ -32,12 +33,13 @@ def estimate_light(view: EnvironmentalView) -> Appearance:
         view: An undistorted photograph whose pose to the board is known.
 
     Returns:
-        The nominal appearance with its lights scaled for each colour so that paper is as bright
-        as the pale squares, and turned about the vertical so that the main light comes from where
-        the squares are brightest. The nominal light where too little of the board is in the
-        picture or the squares are evenly bright.
+        The nominal appearance with its lights in the directions of the view, or else turned about
+        the vertical so that the main light comes from where the pale squares are brightest, and
+        scaled for each colour so that paper is as bright as they. They keep the nominal direction
+        where the view has none and the squares are evenly bright, and the nominal strength where
+        too little of the board is in the picture.
     """
-    nominal = Appearance()
+    nominal = _directed(Appearance(), view.light_directions)
     places, colors = _samples(view)
     pale = _pale(colors)
     if np.count_nonzero(pale) < GRID:
@@ -49,15 +51,32 @@ def estimate_light(view: EnvironmentalView) -> Appearance:
         for direction, strength in _lamps(nominal)
     )
     exposure = np.clip(level / PAPER, 0.05, 1.5) / on_table
-    turn = _turn_towards_brightness(places, colors.mean(axis=1), nominal.light_direction)
-    return replace(
+    light = replace(
         nominal,
         light=nominal.light * exposure,
         fill=nominal.fill * exposure,
         ambient=nominal.ambient * exposure,
-        light_direction=turn @ nominal.light_direction,
-        fill_direction=turn @ nominal.fill_direction,
     )
+    if len(view.light_directions):
+        return light
+    towards = _bright_side(places, colors.mean(axis=1))
+    return light if towards is None else _turned(light, -towards)
+
+
+def _directed(light: Appearance, rays: Float[np.ndarray, "k 3"]) -> Appearance:
+    """The light along known rays; a fill light that is not known keeps its side of the main."""
+    if len(rays):
+        light = replace(_turned(light, rays[0, :2]), light_direction=rays[0])
+    return light if len(rays) < 2 else replace(light, fill_direction=rays[1])
+
+
+def _turned(light: Appearance, flat: Float[np.ndarray, "2"]) -> Appearance:
+    """Both lights turned about the vertical until the main one shines along `flat`."""
+    old = light.light_direction
+    angle = np.arctan2(flat[1], flat[0]) - np.arctan2(old[1], old[0])
+    cosine, sine = np.cos(angle), np.sin(angle)
+    turn = np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
+    return replace(light, light_direction=turn @ old, fill_direction=turn @ light.fill_direction)
 
 
 def _lamps(light: Appearance) -> list[tuple[np.ndarray, np.ndarray]]:
@@ -91,16 +110,12 @@ def _pale(colors: Float[np.ndarray, "n 3"]) -> np.ndarray:
     return brightness >= (0.5 * (dark + bright) if bright - dark > 0.25 * bright else 0.0)
 
 
-def _turn_towards_brightness(
-    places: Float[np.ndarray, "n 2"],
-    brightness: Float[np.ndarray, " n"],
-    direction: Float[np.ndarray, "3"],
-) -> Float[np.ndarray, "3 3"]:
-    """The turn about the vertical after which rays along `direction` come from the bright side."""
+def _bright_side(
+    places: Float[np.ndarray, "n 2"], brightness: Float[np.ndarray, " n"]
+) -> Float[np.ndarray, "2"] | None:
+    """Where the brightness rises to, or None if it hardly does."""
     ground = np.column_stack([places - places.mean(axis=0), np.ones(len(places))])
     slope_x, slope_y, middle = np.linalg.lstsq(ground, brightness, rcond=None)[0]
     if np.hypot(slope_x, slope_y) * GRID * BLOCK_SIZE < LEAST_SLOPE * middle:
-        return np.eye(3)
-    angle = np.arctan2(-slope_y, -slope_x) - np.arctan2(direction[1], direction[0])
-    cosine, sine = np.cos(angle), np.sin(angle)
-    return np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
+        return None
+    return np.array([slope_x, slope_y])

@@ -57,6 +57,7 @@ class Room:
         lamp: Where the main lamp is seen from the grid's middle, a direction; by default
             the lighting's own.
         lamp_distance: Of the main lamp from there, in metres; None is far away, like the sun.
+        gloss: Factor on how much all surfaces mirror the lamps; 0 is perfectly matt.
     """
 
     name: str
@@ -66,6 +67,7 @@ class Room:
     focus: float
     lamp: tuple[float, float, float] | None = None
     lamp_distance: float | None = None
+    gloss: float = 1.0
 
     @property
     def light_direction(self) -> Float[np.ndarray, "3"]:
@@ -145,6 +147,7 @@ class RoomPhotographer:
         scene = self._offscreen.scene
         for geom in scene.geoms[: scene.ngeom]:  # wide surfaces would shadow themselves in stripes
             geom.castshadow = max(geom.size) < _CASTS_SHADOW
+            geom.specular *= room.gloss
 
     def take(
         self, camera_from_board: Float[np.ndarray, "4 4"], rng: np.random.Generator

@@ -1,6 +1,6 @@
 """An environmental view: one undistorted photograph whose camera is known (thesis 3.2)."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import product
 from typing import Literal
 
@@ -32,6 +32,8 @@ class EnvironmentalView:
         matrix: Pinhole intrinsics, in pixels, with whole numbers at the centres of pixels.
         camera_from_board: Pose of the camera (OpenCV axes) to the frame of the 8x8x8 grid (z up),
             in metres.
+        light_directions: Of the rays of the lamps that the photographs of its environment tell of,
+            strongest first, in the board frame; none where they do not tell.
     """
 
     name: str
@@ -40,6 +42,7 @@ class EnvironmentalView:
     image: UInt8[np.ndarray, "h w 3"]
     matrix: Float[np.ndarray, "3 3"]
     camera_from_board: Float[np.ndarray, "4 4"]
+    light_directions: Float[np.ndarray, "k 3"] = field(default_factory=lambda: np.zeros((0, 3)))
 
     @property
     def camera(self) -> PinholeCamera:
@@ -53,8 +56,8 @@ def check_view(view: EnvironmentalView) -> None:
 
     Raises:
         InputError: If its intrinsics or its pose are none, the camera looks from below the
-            table, or a corner of the grasping region is outside the picture; the message
-            names the view.
+            table, light does not come from above it, or a corner of the grasping region is outside
+            the picture; the message names the view.
     """
     matrix, pose = view.matrix, view.camera_from_board
     if not (np.isfinite(matrix).all() and np.isfinite(pose).all()):
@@ -70,6 +73,17 @@ def check_view(view: EnvironmentalView) -> None:
     if not turns or not np.array_equal(pose[3], [0.0, 0.0, 0.0, 1.0]):
         raise InputError(
             f"The pose camera_from_board of the view {view.name!r} is no rigid transform."
+        )
+    rays = view.light_directions
+    if len(rays) and not (np.abs(np.linalg.norm(rays, axis=1) - 1) < 0.01).all():
+        raise InputError(
+            f"The light directions of the view {view.name!r} are {rays.tolist()}; expected vectors "
+            "of length 1."
+        )
+    if (rays[:, 2] >= 0.0).any():
+        raise InputError(
+            f"The light directions of the view {view.name!r} are {rays.tolist()}; expected rays "
+            "that come from above the table (the grid's z axis points up)."
         )
     height_above = float((-rotation.T @ pose[:3, 3])[2])
     if height_above <= 0.0:

@@ -16,7 +16,10 @@ from fusionnet.views.view import MOST_VIEWS, EnvironmentalView, check_view
 
 VIEWS_FILE = "views.json"
 KIND = "fusionnet views"
-SCHEMA_VERSION = 1
+SCHEMA_VERSION = 2
+READABLE_VERSIONS = (1, 2)
+"""Views of version 1 say nothing of lamps."""
+
 MOST_BYTES = 10 * 2**20
 
 SHIPPED = {"rooms": Path(__file__).with_name("rooms15")}
@@ -24,6 +27,7 @@ SHIPPED = {"rooms": Path(__file__).with_name("rooms15")}
 
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,99}")
 _FIELDS = {"name", "environment", "part", "file", "matrix", "camera_from_board"}
+_ALL_FIELDS = _FIELDS | {"light_directions"}
 
 
 def save_views(
@@ -69,6 +73,7 @@ def write_views(
                 "file": file,
                 "matrix": view.matrix.tolist(),
                 "camera_from_board": view.camera_from_board.tolist(),
+                "light_directions": view.light_directions.tolist(),
             }
         )
     document = {"kind": KIND, "schema_version": SCHEMA_VERSION, "views": entries}
@@ -135,10 +140,10 @@ def _entries(file: Path) -> list[Any]:
     if not isinstance(document, dict) or document.get("kind") != KIND:
         raise DataError(f"{file} does not describe views (its kind is not {KIND!r}).")
     version = document.get("schema_version")
-    if version != SCHEMA_VERSION:
+    if version not in READABLE_VERSIONS:
         raise DataError(
-            f"{file} has schema version {version!r}; this release reads version "
-            f"{SCHEMA_VERSION}. Make the views again."
+            f"{file} has schema version {version!r}; this release reads versions "
+            f"{' and '.join(map(str, READABLE_VERSIONS))}. Make the views again."
         )
     entries = document.get("views")
     if not isinstance(entries, list) or not 1 <= len(entries) <= MOST_VIEWS:
@@ -148,8 +153,8 @@ def _entries(file: Path) -> list[Any]:
 
 def _view(folder: Path, entry: Any, index: int) -> EnvironmentalView:
     where = f"{folder / VIEWS_FILE}, view {index + 1}"
-    if not isinstance(entry, dict) or set(entry) != _FIELDS:
-        raise DataError(f"{where}: expected an object with {', '.join(sorted(_FIELDS))}.")
+    if not isinstance(entry, dict) or not _FIELDS <= set(entry) <= _ALL_FIELDS:
+        raise DataError(f"{where}: expected an object with {', '.join(sorted(_ALL_FIELDS))}.")
     name, environment, part, file = (
         entry[field] for field in ("name", "environment", "part", "file")
     )
@@ -165,8 +170,9 @@ def _view(folder: Path, entry: Any, index: int) -> EnvironmentalView:
             environment=environment,
             part=part,
             image=read_picture(folder / file),
-            matrix=_matrix(entry["matrix"], 3, where),
-            camera_from_board=_matrix(entry["camera_from_board"], 4, where),
+            matrix=_matrix(entry["matrix"], (3, 3), where),
+            camera_from_board=_matrix(entry["camera_from_board"], (4, 4), where),
+            light_directions=_light_directions(entry.get("light_directions", []), where),
         )
         check_view(view)
     except InputError as error:
@@ -174,11 +180,18 @@ def _view(folder: Path, entry: Any, index: int) -> EnvironmentalView:
     return view
 
 
-def _matrix(value: Any, size: int, where: str) -> np.ndarray:
+def _light_directions(value: Any, where: str) -> np.ndarray:
+    count = len(value) if isinstance(value, list) else 0
+    return np.zeros((0, 3)) if value == [] else _matrix(value, (count, 3), where)
+
+
+def _matrix(value: Any, shape: tuple[int, int], where: str) -> np.ndarray:
     try:
         matrix = np.array(value, dtype=float)
     except (TypeError, ValueError):
         matrix = np.zeros(0)
-    if matrix.shape != (size, size):
-        raise DataError(f"{where}: expected {size} rows of {size} numbers, found {value!r:.60}.")
+    if matrix.shape != shape:
+        raise DataError(
+            f"{where}: expected {shape[0]} rows of {shape[1]} numbers, found {value!r:.60}."
+        )
     return matrix
