@@ -4,15 +4,16 @@
 
 `OUT/overlay-steps.jpg` has a photograph of a room as its fisheye lens takes it, undistorted, with
 the mesh of the grasping region, and with blocks. `OUT/overlay-views.jpg` has one layout in every
-view, `OUT/overlay-noise.jpg` one view under
-level-one noise (a row each at strength 0.15, 0.5 and the thesis's 1), then under level two with
-its boxes and the mapped outline of the board, then cropped (6.1) with sensor noise. Boxes are
-red where less than a quarter of a block is visible. Without views the robot's own eyes and
-the external camera look at their empty table. With photographs of a checkerboard
-`OUT/overlay-real.jpg` has low layouts upon them, whether or not the whole grid is in the picture.
+view, `OUT/overlay-lamps.jpg` one view in nominal light and in that of the lamps that its room's
+photographs tell of. `OUT/overlay-noise.jpg` has one view under level-one noise (a row each at
+strength 0.15, 0.5 and the thesis's 1), then under level two with its boxes and the mapped outline
+of the board, then cropped (6.1) with sensor noise. Boxes are red where less than a quarter of a
+block is visible. Without views the robot's own eyes and the external camera look at their empty
+table. With photographs of a checkerboard `OUT/overlay-real.jpg` has low layouts upon them, whether
+or not the whole grid is in the picture.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import cv2
@@ -37,6 +38,7 @@ from fusionnet.views import (
 )
 from fusionnet.views.calibration import calibrate
 from fusionnet.views.checkerboard import Checkerboard
+from fusionnet.views.glints import NO_LAMPS
 from fusionnet.views.importing import view_of
 from fusionnet.views.photographing import photograph_pose
 from fusionnet.views.photographs import find_boards
@@ -104,6 +106,21 @@ def steps(layout: Layout, name: str = "round-white-mixed-robot") -> list[np.ndar
     return [raw, view.image, region, OverlayRenderer(size).view(layout, view).image]
 
 
+def lamps(layout: Layout, name: str = "round-white-mixed-view-2") -> list[np.ndarray]:
+    """The table of a shipped view with blocks, lit by nominal lamps and by those that were found.
+
+    Half the picture's width: shadows are to be compared with those of toys.
+    """
+    view = next(view for view in load_views("rooms") if view.name == name)
+    height, width = view.image.shape[:2]
+    renderer = OverlayRenderer((width, height))
+    drawn = [
+        renderer.view(layout, each).image
+        for each in (replace(view, light_directions=NO_LAMPS), view)
+    ]
+    return [image[height // 2 - 20 :, width // 4 : 3 * width // 4] for image in drawn]
+
+
 def real_photographs(folder: Path, squares: tuple[int, int], seed: int) -> list[np.ndarray]:
     """Every photograph of a folder in which the board was found, undistorted, with low blocks."""
     board = Checkerboard(*squares, BLOCK_SIZE)
@@ -119,9 +136,10 @@ def real_photographs(folder: Path, squares: tuple[int, int], seed: int) -> list[
 
 
 def sheet(images: list[np.ndarray], columns: int) -> np.ndarray:
-    """Pictures side by side, in rows."""
-    height = WIDTH * images[0].shape[0] // images[0].shape[1]
-    small = [cv2.resize(i, (WIDTH, height), interpolation=cv2.INTER_AREA) for i in images]
+    """Pictures side by side, in rows; smaller if they are more than two."""
+    width = WIDTH if len(images) > 2 else images[0].shape[1]
+    height = width * images[0].shape[0] // images[0].shape[1]
+    small = [cv2.resize(i, (width, height), interpolation=cv2.INTER_AREA) for i in images]
     small += [np.full_like(small[0], 255)] * (-len(small) % columns)
     return np.vstack([np.hstack(small[i : i + columns]) for i in range(0, len(small), columns)])
 
@@ -139,7 +157,7 @@ def marked(view: View, robot_from_board: np.ndarray) -> np.ndarray:
 
 
 def main(config: Config) -> None:
-    """Draw both figures."""
+    """Draw all figures."""
     size = (960, 540)
     views = load_views(config.views) if config.views else robot_views(size)
     layout = load_corpus("examples").layouts[config.scene]
@@ -165,6 +183,7 @@ def main(config: Config) -> None:
     figures = [
         ("overlay-steps", steps(layout), 4),
         ("overlay-views", plain, min(5, len(plain))),
+        ("overlay-lamps", lamps(layout), 2),
         ("overlay-noise", rows, 5),
     ]
     if config.photographs:

@@ -31,13 +31,25 @@ def made_view(name: str = "room-01", **changes: object) -> EnvironmentalView:
 
 
 def test_views_come_back_as_they_were(tmp_path: Path) -> None:
-    views = (made_view(), made_view("room-02", part="val"))
+    lamps = np.array([[0.6, 0.0, -0.8], [0.0, 0.0, -1.0]])
+    views = (made_view(), made_view("room-02", part="val", light_directions=lamps))
     save_views(tmp_path / "views", views, quality=None)
     for saved, read in zip(views, load_views(tmp_path / "views"), strict=True):
         assert (read.name, read.environment, read.part) == (saved.name, "room", saved.part)
         np.testing.assert_array_equal(read.image, saved.image)
         np.testing.assert_array_equal(read.matrix, saved.matrix)
         np.testing.assert_array_equal(read.camera_from_board, saved.camera_from_board)
+        np.testing.assert_array_equal(read.light_directions, saved.light_directions)
+
+
+def test_views_of_the_first_version_know_no_lamps(tmp_path: Path) -> None:
+    save_views(tmp_path / "views", (made_view(),))
+    file = tmp_path / "views" / "views.json"
+    document = json.loads(file.read_text()) | {"schema_version": 1}
+    del document["views"][0]["light_directions"]
+    file.write_text(json.dumps(document))
+    (view,) = load_views(tmp_path / "views")
+    assert view.light_directions.shape == (0, 3)
 
 
 @given(st.lists(st.floats(-0.1, 0.1), min_size=3, max_size=3))
@@ -60,6 +72,9 @@ def test_a_turned_camera_that_sees_the_grid_is_accepted_and_one_turned_away_is_n
         ({"matrix": np.diag([np.nan, 120.0, 1.0])}, "not finite"),
         ({"camera_from_board": np.diag([2.0, 1.0, 1.0, 1.0])}, "no rigid transform"),
         ({"camera_from_board": transform(translation=(0.0, 0.0, 0.8))}, "below the table"),
+        ({"light_directions": np.array([[0.0, 0.0, -2.0]])}, "vectors of length 1"),
+        ({"light_directions": np.array([[0.0, np.nan, -1.0]])}, "vectors of length 1"),
+        ({"light_directions": np.array([[0.0, 0.6, 0.8]])}, "come from above the table"),
     ],
 )
 def test_an_impossible_view_is_refused_and_nothing_is_written(
@@ -98,6 +113,8 @@ def test_what_is_wrong_with_a_folder_of_views_is_named(tmp_path: Path) -> None:
     refused("There is no picture", file="other.jpg")
     refused("3 rows of 3 numbers", matrix=[[1, 2]])
     refused("expected an object with", extra=1)
+    refused("2 rows of 3 numbers", light_directions=[[0, 0, -1], [1]])
+    refused("1 rows of 3 numbers", light_directions="above")
     shifted = np.array(whole["views"][0]["camera_from_board"])
     shifted[0, 3] += 0.5
     refused("room-01.*leaves the picture", camera_from_board=shifted.tolist())

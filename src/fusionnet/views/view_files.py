@@ -181,7 +181,7 @@ def _view(folder: Path, entry: Any, index: int) -> EnvironmentalView:
 
 
 def _light_directions(value: Any, where: str) -> np.ndarray:
-    count = len(value) if isinstance(value, list) else 0
+    count = len(value) if isinstance(value, list) else 1
     return np.zeros((0, 3)) if value == [] else _matrix(value, (count, 3), where)
 
 
