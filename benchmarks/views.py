@@ -7,10 +7,10 @@ prints six things as JSON. Photographs (with `--photographs`, of a board of 10 x
 2.5 cm, OpenCV's samples): the calibration's reprojection error, and its focal length against
 `cv2.calibrateCamera`'s own. Rooms (with `--images`, photographs a room): the six rooms are
 photographed and calibrated, and lenses, poses, and lamps found by their glints compared with the
-true ones. Other rooms (with `--others`): lamps found by their glints where surfaces are duller or lamps
-near. Rooms' light: the lamp of overlays in the fifteen shipped views. Rooms' light by one picture:
-the same without what other photographs tell of lamps; they are far away, so that the board is
-evenly bright. Near lamps: by one picture, with a lamp half a metre from the board.
+true ones. Other rooms (with `--others`): lamps found by their glints where surfaces are duller or
+lamps near. Rooms' light: the lamp of overlays in the fifteen shipped views. Rooms' light by one
+picture: the same without what other photographs tell of lamps; they are far away, so that the
+board is evenly bright. Near lamps: by one picture, with a lamp half a metre from the board.
 """
 
 import json
@@ -48,7 +48,7 @@ from fusionnet.views.pose import GridPlacement, facing
 from fusionnet.views.rooms import BOARD, PLACEMENT, ROOMS, Room, RoomPhotographer, view_poses
 
 ROOM = {room.name: room for room in ROOMS}
-OTHER_ROOMS: dict[str, dict[str, float]] = {
+OTHER_ROOMS: dict[str, dict[str, Any]] = {
     "a third of the gloss": {"gloss": 0.3},
     "a tenth of the gloss": {"gloss": 0.1},
     "no gloss": {"gloss": 0.0},
@@ -101,7 +101,7 @@ def photographs_against_opencv(folder: Path) -> dict[str, Any]:
 
 
 def rooms_against_truth(images: int, seed: int, kept: Path | None = None) -> dict[str, Any]:
-    """Errors of lenses, poses and lamps of the six rooms, photographed anew or as far as none are kept."""
+    """Errors of lenses, poses and lamps of the six rooms, photographed where none are kept."""
     with tempfile.TemporaryDirectory() as folder:
         places = photograph_rooms(kept or Path(folder), images, seed=seed)
         calibration = calibrate([find_boards(place, BOARD) for place in places], BOARD)

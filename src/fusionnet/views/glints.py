@@ -2,9 +2,9 @@
 
 One picture of an evenly bright plane says nothing of where its light comes from. Many do, unless
 ink and paper are perfectly matt: a dark square looks brighter from where it mirrors a lamp. What
-is fitted is how much brighter every dark square is, than its pale neighbours, in each
-photograph; so exposure, vignetting and uneven light fall out. Board and lamps must stay where
-they are from photograph to photograph.
+is fitted is every dark square's brightness as a share of that of its pale neighbours, so that
+exposure, vignetting and uneven light fall out. Board and lamps must stay where they are from
+photograph to photograph.
 
 References:
     Walter et al. (2007), Microfacet models for refraction through rough surfaces: the lobe.
@@ -23,6 +23,7 @@ from fusionnet.geometry import invert
 from fusionnet.views.checkerboard import Checkerboard
 
 NO_LAMPS = np.zeros((0, 3))
+"""Where none were found."""
 
 MOST_LAMPS = 2
 """Looked for: the main lamp, and a window or a second lamp."""
@@ -39,8 +40,8 @@ AGREEMENT = np.deg2rad(10.0)
 OVEREXPOSED = 254.0
 """Median of the pale squares (of 255) above which a photograph is left out."""
 
-_LOWEST = np.deg2rad(15.0)
-"""Height above the table under which no lamp is looked for."""
+LOWEST = np.deg2rad(15.0)
+"""Height of a lamp above the table under which it does not count."""
 
 _DIRECTIONS = 600
 _ROUGHNESS = (0.1, 0.2, 0.4)
@@ -118,7 +119,7 @@ def lamp_rays(glints: Sequence[Glints]) -> Float[np.ndarray, "k 3"]:
     rays = []
     for lamp, explained in found:
         agreed = all((half @ lamp).max() >= np.cos(AGREEMENT) for half in halves)
-        if explained < EXPLAINED or not agreed:
+        if explained < EXPLAINED or -lamp[2] < np.sin(LOWEST) or not agreed:
             break
         rays.append(-lamp.round(4))
     return np.array(rays).reshape(-1, 3)
@@ -192,7 +193,7 @@ def _explained(lobe: Float[np.ndarray, "v s"], left: Float[np.ndarray, "v s"]) -
 def _upwards() -> Float[np.ndarray, "n 3"]:
     """Directions spread evenly over the sky of the board (Fibonacci's spiral)."""
     index = np.arange(_DIRECTIONS) + 0.5
-    height = np.sin(_LOWEST) + (1.0 - np.sin(_LOWEST)) * index / _DIRECTIONS
+    height = np.sin(LOWEST) + (1.0 - np.sin(LOWEST)) * index / _DIRECTIONS
     turn, flat = np.pi * (1.0 + np.sqrt(5.0)) * index, np.sqrt(1.0 - height**2)
     return np.column_stack([flat * np.cos(turn), flat * np.sin(turn), -height])
 
