@@ -1,6 +1,6 @@
 """Whether a compiled, exported or otherwise lowered detector answers sooner than the eager one.
 
-    python benchmarks/compiled.py --threads 2 1 --out results/compiled-speed.json
+    python benchmarks/compiled.py --out results/compiled-speed.json
 
 The detector is the slowest stage of an answer. Each way is timed on the same pictures in turns
 with the eager network in single precision, so that both meet the same load of the machine; the
@@ -55,8 +55,8 @@ class Config:
 
     checkpoint: str = "compact"
     pictures: int = 5
-    rounds: int = 25
-    threads: tuple[int, ...] = (2, 1)
+    rounds: int = 15
+    threads: tuple[int, ...] = (1,)
     ways: tuple[str, ...] = ()
     seed: int = 0
     out: Path | None = None
