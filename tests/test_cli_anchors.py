@@ -11,7 +11,7 @@ from fusionnet.apps.cli import main
 from fusionnet.dataset.build import build
 from fusionnet.dataset.framing import whole_frame
 from fusionnet.models.anchors import mean_iou
-from fusionnet.training.placement_pictures import PlacementPictures, box_sides
+from fusionnet.training.placement_pictures import PlacementPictures, box_sides, placed_boxes
 
 
 @pytest.fixture(scope="module")
@@ -81,7 +81,7 @@ def test_a_data_set_without_boxes_is_refused(stored, monkeypatch, capsys):
 
     def empty(self, index, least_share):
         sample = {**self.samples[index], **nothing}
-        return self._place(sample).boxes(sample, self.frame.input_size)
+        return placed_boxes(sample, self._place(sample))
 
     monkeypatch.setattr(PlacementPictures, "boxes", empty)
     assert main(["anchors", str(stored)]) == 2

@@ -15,7 +15,7 @@ from fusionnet.models.program_pack import pack
 from fusionnet.models.program_values import Goal, Held, Kind
 from fusionnet.models.soft_layout import soft_layout
 from fusionnet.models.tree_program import compile_tree
-from fusionnet.rcl import parse
+from fusionnet.rcl import Type, parse
 from fusionnet.training.simulated_readings import cells_of, exact_readings, simulated_readings
 
 EXAMPLES = load_corpus("examples").commands
@@ -27,7 +27,8 @@ def event(action: str, entity: str, destination: str = "") -> str:
 
 def test_a_take_and_drop_is_one_program_with_the_landmark_first() -> None:
     program = compile_tree(EXAMPLES[3].tree)
-    assert [step.label for step in program.steps] == ["blue cube", "yellow red stack"]
+    kinds = [step.entity.type.value for step in program.steps]
+    assert kinds == [Type.CUBE, Type.STACK]
     assert program.source == 0
     assert program.goal is Goal.DESTINATION
     assert program.destination is not None
