@@ -101,6 +101,7 @@ def test_training_writes_a_checkpoint_that_answers_alike_and_a_card(config):
     assert np.array_equal(again.answer(images, said).joints, joints)
     card = (config.out / "README.md").read_text()
     assert "library_name: fusionnet" in card and "## Limits" in card and "joint mse" in card
+    assert "treebank" in card
 
 
 def test_a_resumed_run_ends_where_an_unbroken_one_does(config, tmp_path):

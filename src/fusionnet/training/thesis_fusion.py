@@ -14,6 +14,7 @@ from typing import Any, cast
 
 import torch
 
+from fusionnet.dataset.folder import read_plan
 from fusionnet.dataset.frame import PictureFrame
 from fusionnet.dataset.reader import StoredSamples
 from fusionnet.errors import DataError
@@ -50,6 +51,7 @@ def train(config: ThesisFusionConfig, *, progress: Progress | None = None) -> di
     metrics = {"loss": history[-1]["loss"] if history else None, **measured}
     here = ("out", "work", "dataset", "detector", "translator")
     described = {k: v for k, v in asdict(config).items() if k not in here}
+    described["corpus"] = read_plan(config.dataset).corpus
     model.save(config.out, {"training": described, "metrics": metrics})
     return metrics
 
