@@ -167,7 +167,7 @@ EXPERIMENT = Experiment(
             kind="curves",
             metric="grasp",
             x="step",
-            y_label="cross-entropy of the grasp's cell in training [nats]",
+            y_label="grasp: training cross-entropy [nats]",
             title="Learning",
         ),
     ),
