@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fusionnet.errors import CheckpointError, InputError, OutputError
+from fusionnet.errors import CheckpointError, DataError, InputError, OutputError
 from fusionnet.policy import load_policy
 from fusionnet.training import fusion, policy
 from fusionnet.training.loop import LoopConfig
@@ -78,6 +78,11 @@ def test_a_run_of_other_settings_is_not_gone_on_with(config: PolicyConfig) -> No
 def test_bad_numbers_and_folders_are_refused(config: PolicyConfig) -> None:
     with pytest.raises(InputError, match="at least 1"):
         replace(config, eye=0)
+    with pytest.raises(DataError, match="--data DIR"):
+        train(replace(config, data=None), quiet)
+    with pytest.raises(InputError, match="no training groups"):
+        train(replace(config, corpus="examples"), quiet)
+    assert not config.work.exists()
     with pytest.raises(InputError, match="0 for none"):
         replace(config, right=-1)
     with pytest.raises(InputError, match="on one device"):

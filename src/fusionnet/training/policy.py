@@ -13,6 +13,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+from fusionnet.corpora import load_corpus
 from fusionnet.dataset.build import build, plan_for
 from fusionnet.dataset.sources import Sources
 from fusionnet.errors import CheckpointError, InputError
@@ -112,6 +113,8 @@ def train(config: PolicyConfig, bars: Bars) -> dict[str, Any]:
         OutputError: If something cannot be written, or `out` holds files already.
     """
     check_new_folder(config.out)
+    if not load_corpus(config.corpus, config.data).split("train"):
+        raise InputError(f"The corpus {config.corpus!r} has no training groups to learn from.")
     _same_settings(config)
     parts = {"detector": _detector, "translator": _translator, "fusion": _fusion}
     if config.right:
