@@ -17,12 +17,13 @@ from fusionnet.policy import load_policy
 from fusionnet.training.end_to_end import (
     LOSSES,
     EndToEndConfig,
-    EyeCommands,
+    Representation,
     end_to_end_losses,
     load,
     measure,
     train,
 )
+from fusionnet.training.eye_commands import EyeCommands
 
 TASK = {"grasp", "place", "holds", "joints"}
 
@@ -70,10 +71,12 @@ def test_the_joints_teach_pixels_filters_and_the_choice_of_readings(
 
 
 @pytest.mark.parametrize("kept", list(LOSSES))
-def test_a_representation_brings_its_own_losses(stored: Path, model: EndToEnd, kept: str) -> None:
+def test_a_representation_brings_its_own_losses(
+    stored: Path, model: EndToEnd, kept: Representation
+) -> None:
     batch = EyeCommands(stored, "train").batch([0, 1], model.translator)
-    losses = end_to_end_losses(model, model, batch, representations=(kept,))  # type: ignore[arg-type]
-    assert set(losses) == TASK | set(LOSSES[kept])  # type: ignore[index]
+    losses = end_to_end_losses(model, model, batch, representations=(kept,))
+    assert set(losses) == TASK | set(LOSSES[kept])
     assert all(torch.isfinite(loss) for loss in losses.values())
 
 

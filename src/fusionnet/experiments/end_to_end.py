@@ -23,12 +23,12 @@ from fusionnet.models.end_to_end import EndToEnd
 from fusionnet.randomness import derived_seed
 from fusionnet.training.end_to_end import (
     LOSS_WEIGHTS,
-    EyeCommands,
     Representation,
     end_to_end_losses,
     load,
     measure,
 )
+from fusionnet.training.eye_commands import EyeCommands
 from fusionnet.training.loop import LoopConfig, fit
 
 TASK = ("grasp", "place", "holds", "joints")

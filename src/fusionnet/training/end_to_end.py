@@ -11,7 +11,7 @@ References:
 
 import logging
 import shutil
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, Literal, get_args
@@ -22,24 +22,18 @@ from jaxtyping import Float, Int
 from torch import Tensor
 from torch.nn.functional import binary_cross_entropy, mse_loss
 
-from fusionnet.blocks import EMPTY, Cell
+from fusionnet.blocks import EMPTY
 from fusionnet.dataset.folder import read_plan
-from fusionnet.dataset.reader import StoredPictures, StoredSamples
 from fusionnet.errors import DataError, InputError
 from fusionnet.files import check_new_folder, folder_whole
 from fusionnet.models.end_to_end import EndToEnd, Taught
 from fusionnet.models.fusionnet import FusionNet
 from fusionnet.models.policy_folder import weights_folder, write_policy_card
-from fusionnet.models.retinanet import Batch, RetinaNet
+from fusionnet.models.retinanet import RetinaNet
 from fusionnet.models.translator import Translator
-from fusionnet.randomness import generator
-from fusionnet.rcl import parse
-from fusionnet.training.aligned_sentences import aligned_with
-from fusionnet.training.detector import collate as collate_pictures
+from fusionnet.training.eye_commands import EndToEndBatch, EyeCommands
 from fusionnet.training.loop import LoopConfig, Progress, fit, is_first_process
-from fusionnet.training.picture_variation import varied
-from fusionnet.training.translator import TrainingBatch, symbol_losses
-from fusionnet.training.translator import collate as collate_sentences
+from fusionnet.training.translator import symbol_losses
 
 log = logging.getLogger(__name__)
 
@@ -73,8 +67,6 @@ LEAST = 1e-6
 
 SMOOTHING = 0.03
 """Share of probability that the symbols' targets give away, as where the translator is trained."""
-
-COLUMNS = ("id", "sentence", "tree", "variants", "holding", "move")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -122,109 +114,6 @@ class EndToEndConfig:
                 "batch, readings and checked are at least 1, threads at least 0; received "
                 f"{self.batch}, {self.readings}, {self.checked}, {self.threads}."
             )
-
-
-@dataclass  # not frozen: Fabric moves its tensors between devices
-class EndToEndBatch:
-    """Pictures, sentences, and the moves that were asked for.
-
-    Attributes:
-        seen: Pictures of the eye, with what is true of each.
-        sentences: One a picture.
-        taught: Those whose trees the symbols can write; None if there are none.
-        source: Index of the cell of each grasp.
-        target: Index of the cell of each place.
-        begins: 1 where the gripper holds the block already.
-        ends: 1 where it keeps it.
-    """
-
-    seen: Batch
-    sentences: list[str]
-    taught: TrainingBatch | None
-    source: Int[Tensor, " b"]
-    target: Int[Tensor, " b"]
-    begins: Float[Tensor, " b"]
-    ends: Float[Tensor, " b"]
-
-    def joints(self, model: EndToEnd) -> Float[Tensor, "b k"]:
-        """The fourteen values that were asked for, scaled to 0 ... 1 (thesis 4.2)."""
-        table = model.fusion.scaled_table
-        begins, ends = self.begins[:, None], self.ends[:, None]
-        return torch.cat([table[self.source], begins, table[self.target], ends], dim=1)
-
-
-class EyeCommands:
-    """Pictures of the left eye with their sentences and moves, of one split.
-
-    Args:
-        folder: A finished data set.
-        split: One of its splits.
-
-    Raises:
-        DataError: If it is not finished, or damaged.
-        InputError: If there are pictures that the left eye did not take.
-    """
-
-    def __init__(self, folder: Path, split: str) -> None:
-        plan = read_plan(folder)
-        if tuple(plan.eyes) != ("left_eye",) or (plan.views[0] and plan.eyes_share < 1.0):
-            raise InputError(
-                f"The data set {folder} has pictures that the left eye did not take; build one "
-                "without --views and with --eyes left_eye."
-            )
-        self.pictures = StoredPictures(folder, split)
-        self.commands = StoredSamples(folder, split, COLUMNS)
-
-    def __len__(self) -> int:
-        return len(self.pictures)
-
-    def batch(
-        self, indices: list[int], translator: Translator, rng: Any | None = None
-    ) -> EndToEndBatch:
-        """Samples as tensors.
-
-        Args:
-            indices: Numbers of the samples.
-            translator: Has the vocabulary.
-            rng: Draws one of each sample's four sentences, another brightness, and errors of
-                the camera; without it the clean sentence and the picture as it is.
-        """
-        pictures, said, moves = [], [], []
-        for index in indices:
-            image, labels = self.pictures[index]
-            sample = self.commands[index]
-            variants = [sample, *sample["variants"]]
-            said.append(variants[int(rng.integers(len(variants)))] if rng is not None else sample)
-            pictures.append((image, labels) if rng is None else varied(image, labels, rng))
-            moves.append(sample["move"])
-        aligned = [
-            aligned_with(s["sentence"], parse(s["tree"]), labels.holding)
-            for s, (_, labels) in zip(said, pictures, strict=True)
-        ]
-        taught = [a for a in aligned if a is not None and a.words]
-        return EndToEndBatch(
-            seen=collate_pictures(pictures, rng),
-            sentences=[s["sentence"] for s in said],
-            taught=collate_sentences(taught, translator.vocabulary) if taught else None,
-            source=torch.tensor([Cell(*move["source"]).index for move in moves]),
-            target=torch.tensor([Cell(*move["target"]).index for move in moves]),
-            begins=torch.tensor([float(move["begins_held"]) for move in moves]),
-            ends=torch.tensor([float(move["ends_held"]) for move in moves]),
-        )
-
-    def batches(
-        self, translator: Translator, size: int, seed: int, first: int
-    ) -> Iterator[EndToEndBatch]:
-        """Endless shuffled batches from step `first` on; the same for a resumed run."""
-        size = min(size, len(self))
-        an_epoch = len(self) // size
-        step = first
-        while True:
-            epoch, row = divmod(step, an_epoch)
-            order = self.pictures.order(seed, epoch)
-            chosen = order[row * size : (row + 1) * size].tolist()
-            yield self.batch(chosen, translator, generator(seed, "end to end", step))
-            step += 1
 
 
 def end_to_end_losses(
