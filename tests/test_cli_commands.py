@@ -1,14 +1,18 @@
-"""The smaller commands: doctor, train, evaluate, robot table. Their work is the library's."""
+"""The smaller commands: doctor, train, evaluate, robot. Their work is the library's."""
 
 import json
 import subprocess
+from pathlib import Path
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 from fusionnet.apps import doctor, evaluate, progress, train
 from fusionnet.apps.cli import main
 from fusionnet.errors import CheckpointError
+from fusionnet.simulation import make_world
+from fusionnet.views.picture_file import read_picture
 
 
 @pytest.fixture
@@ -120,6 +124,22 @@ def test_measuring_without_the_corpus_is_one_line(capsys) -> None:
     captured = capsys.readouterr()
     assert captured.err.startswith("fusionnet: The treebank is not part of this package")
     assert captured.err.count("\n") == 1 and captured.out == ""
+
+
+def test_a_robot_looks_at_blocks(capsys, tmp_path) -> None:
+    options = ["--out", str(tmp_path / "seen"), "--seed", "3", "--size", "128", "72"]
+    assert main(["robot", "look", *options]) == 0
+    files = json.loads(capsys.readouterr().out)["files"]
+    pictures = {name: read_picture(Path(file)) for name, file in files.items()}
+    assert set(pictures) == {"left_eye", "right_eye", "external"}
+    world = make_world(seed=3)
+    for name, picture in pictures.items():
+        assert np.array_equal(picture, world.image(name, (128, 72)))
+
+
+def test_a_picture_too_large_to_draw_is_one_line(capsys, tmp_path) -> None:
+    assert main(["robot", "look", "--out", str(tmp_path), "--size", "9", "99999"]) == 2
+    assert "1 to 4096 pixels; received 9 x 99999" in capsys.readouterr().err
 
 
 def test_a_robots_table_is_measured(capsys) -> None:

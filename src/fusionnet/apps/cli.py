@@ -89,6 +89,7 @@ COMMANDS = {
     "dataset export": Entry("a data set as COCO or LeRobot", "fusionnet.apps.dataset:export"),
     "anchors": Entry("boxes that a detector should start from", "fusionnet.apps.anchors:anchors"),
     "robot table": Entry("make a robot's table of joint angles", "fusionnet.apps.robot:table"),
+    "robot look": Entry("pictures of what a robot sees, and of it", "fusionnet.apps.robot:look"),
 }
 
 HELP = """\

@@ -1,11 +1,22 @@
-"""`fusionnet robot table`: the committed command that makes a robot's cell-to-joint table."""
+"""`fusionnet robot table`: the command that makes a cell-to-joint table; `fusionnet robot look`."""
 
+import io
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
+from PIL import Image
 
 from fusionnet import robots
+from fusionnet.blocks import read_layout
+from fusionnet.errors import InputError
+from fusionnet.files import write_whole
+from fusionnet.simulation import make_world
+
+CAMERAS = ("left_eye", "right_eye", "external")
+LARGEST = 4096
+"""Of a picture's sides, in pixels."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -53,3 +64,44 @@ def table(config: TableConfig) -> dict[str, Any]:
         "mean_distance_to_a_cubic": readable(quality.cubic_residual),
         "largest_distance_to_a_cubic": readable(quality.largest_cubic_residual),
     }
+
+
+@dataclass(frozen=True, kw_only=True)
+class LookConfig:
+    """Which robot, before which blocks."""
+
+    out: Path
+    """Folder for left_eye.png, right_eye.png and external.png."""
+
+    robot: str = "nico"
+    """Name of the robot."""
+
+    layout: Path | None = None
+    """Blocks to look at, as `--layout` of `fusionnet run`; random ones by default."""
+
+    seed: int = 0
+    """Of the random blocks."""
+
+    size: tuple[int, int] = (960, 540)
+    """Width and height, in pixels."""
+
+    def __post_init__(self) -> None:
+        """Refuse pictures that cannot be drawn."""
+        if not 1 <= min(self.size) <= max(self.size) <= LARGEST:
+            raise InputError(
+                f"A picture's sides are 1 to {LARGEST} pixels; received {self.size[0]} x "
+                f"{self.size[1]}."
+            )
+
+
+def look(config: LookConfig) -> dict[str, Any]:
+    """Draw what a robot's eyes see, and the robot, before it does anything."""
+    layout = None if config.layout is None else read_layout(config.layout)
+    world = make_world(robot=config.robot, seed=config.seed, layout=layout)
+    files = {}
+    for camera in CAMERAS:
+        drawn = io.BytesIO()
+        Image.fromarray(world.image(camera, config.size)).save(drawn, "PNG")
+        files[camera] = config.out / f"{camera}.png"
+        write_whole(files[camera], drawn.getvalue())
+    return {"robot": config.robot, "files": {name: str(file) for name, file in files.items()}}
