@@ -216,6 +216,7 @@ def _cells(sight: Sight, truth: Labels) -> dict[str, np.ndarray]:
         "clearly_visible_blocks_right": right[clear],
         "phantoms_a_picture": np.array([float(((guess != EMPTY) & ~block).sum())]),
         "layouts_right": np.array([float(right.all())]),
+        "layouts_all_clear": np.array([float((clear == block).all())]),
         "layouts_right_if_all_clear": np.full(int((clear == block).all()), float(right.all())),
         "holding_right": np.array([float((sight.holding > 0.5) == truth.holding)]),
     }
