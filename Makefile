@@ -1,6 +1,6 @@
 # make setup   an environment in .venv with everything (again: does nothing)
 # make demo    a sentence and a picture move a block; look at demo/index.html
-# make test    the whole test suite; make lint, make bench, make clean
+# make test    the whole test suite; make lint, make clean
 
 SHELL := /bin/bash
 VENV := .venv
@@ -13,7 +13,7 @@ PYTHON ?= $(shell for python in python3.12 python3.11 python3.13 python3 python;
 	$$python -c 'import sys, venv, ensurepip; sys.exit(sys.version_info < (3, 11))' \
 	>/dev/null 2>&1 && command -v $$python && break; done)
 
-.PHONY: setup demo test lint bench clean
+.PHONY: setup demo test lint clean
 .DEFAULT_GOAL := demo
 
 setup: $(STAMP)
@@ -41,11 +41,6 @@ lint: setup
 	@$(BIN)/ruff check .
 	@$(BIN)/ruff format --check .
 	@$(BIN)/mypy
-
-bench: setup
-	@for benchmark in benchmarks/*.py; do \
-		[ -e "$$benchmark" ] || { echo "No benchmarks yet."; continue; }; \
-		echo "== $$benchmark"; $(BIN)/python "$$benchmark" || exit 1; done
 
 clean:
 	rm -rf $(VENV) build dist demo out .pytest_cache .mypy_cache .ruff_cache .hypothesis

@@ -20,6 +20,7 @@ from fusionnet.evaluation.policy import evaluate as evaluate_policy
 from fusionnet.evaluation.translation import TranslationEvaluation
 from fusionnet.evaluation.translation import evaluate as evaluate_translation
 from fusionnet.files import write_whole
+from fusionnet.provenance import provenance
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -83,7 +84,7 @@ def detector(config: DetectorConfig) -> None:
     with bars() as bar:
         measured = evaluate_detection(config.what, progress=bar("pictures"))
     if config.json:
-        print(json.dumps(measured))
+        print(json.dumps({**measured, "provenance": provenance()}))
         return
     classes = {name: c for name, c in measured.pop("classes").items() if c["instances"]}
     if lenient := measured.get("without_mostly_hidden_blocks"):
@@ -99,7 +100,7 @@ def detector(config: DetectorConfig) -> None:
 def _show(title: str, numbers: Mapping[str, Any], *, as_json: bool) -> None:
     """Print a measurement: all of it as JSON, or its numbers as a table."""
     if as_json:
-        print(json.dumps(dict(numbers)))
+        print(json.dumps({**numbers, "provenance": provenance()}))
         return
     table = Table(title=title, show_header=False, title_justify="left")
     for name, value in numbers.items():

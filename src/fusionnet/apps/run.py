@@ -62,6 +62,10 @@ class RunConfig:
     closed_loop: bool = False
     """Look again before the grasp and above the place, and correct the arm."""
 
+    displaced: bool = False
+    """Blocks may stand up to a centimetre beside the middle of their cells; where they do not,
+    this does a little harm."""
+
     out: Annotated[Path | None, _says("fusionnet-run, or none with --json")] = None
     """Folder to write."""
 
@@ -102,7 +106,7 @@ def run(config: RunConfig) -> int:
         config.policy,
         seed=config.seed or 0,
         check=config.check,
-        displaced=config.closed_loop,
+        displaced=config.displaced,
     )
     seconds = {"load": time.perf_counter() - begin}
     try:
