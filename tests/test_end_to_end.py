@@ -154,6 +154,12 @@ def test_nothing_to_measure_is_refused(stored: Path) -> None:
         EndToEndConfig(dataset=stored, checked=0)
 
 
+def test_an_accelerator_is_refused(stored: Path) -> None:
+    loop = replace(EndToEndConfig(dataset=stored).loop, accelerator="cuda")
+    with pytest.raises(InputError, match="on a cpu, not on 'cuda'"):
+        EndToEndConfig(dataset=stored, loop=loop)
+
+
 def test_what_is_measured_counts_both_cells(stored: Path, model: EndToEnd) -> None:
     measured = measure(model, EyeCommands(stored, "sim_val"), 5)
     rates = {"cells_right", "layouts_right", "blocks_right", "answered"}

@@ -74,12 +74,13 @@ def test_a_killed_run_resumes_to_the_same_losses_and_weights(tmp_path, recipe):
         fit(killed, _batches, _losses, config, folder=tmp_path / "killed", progress=stop_after_45)
     resumed = _model()
     lines = fit(resumed, _batches, _losses, config, folder=tmp_path / "killed")
-    assert [line["step"] for line in lines] == [45, 60]
-    for line, wanted in zip(lines, expected[-2:], strict=True):
+    assert [line["step"] for line in lines] == [15, 30, 45, 60]
+    for line, wanted in zip(lines, expected, strict=True):
         assert line["square"] == pytest.approx(wanted["square"], rel=1e-6)
         assert line["learning_rate"] == wanted["learning_rate"]
     written = (tmp_path / "killed" / "log.jsonl").read_text().splitlines()
-    assert [json.loads(line)["step"] for line in written] == [15, 30, 45, 60]
+    assert [json.loads(line) for line in written] == lines
+    assert fit(_model(), _batches, _losses, config, folder=tmp_path / "killed") == lines
     for name, value in whole.state_dict().items():
         torch.testing.assert_close(resumed.state_dict()[name], value)
 
@@ -90,6 +91,24 @@ def test_training_lowers_the_loss_and_logs_json_lines(tmp_path):
     assert sum(file.stat().st_size for file in (tmp_path / "tensorboard").iterdir()) > 500
     written = [json.loads(line) for line in (tmp_path / "log.jsonl").read_text().splitlines()]
     assert written == history
+
+
+def test_a_trained_model_is_brought_back_to_the_cpu():
+    class Watched(torch.nn.Linear):
+        events = ()
+
+        def forward(self, x):
+            self.events += ("learns",)
+            return super().forward(x)
+
+        def _apply(self, fn, recurse=True):
+            self.events += (fn(torch.empty(0)).device.type,)
+            return super()._apply(fn, recurse)
+
+    model = Watched(4, 1)
+    fit(model, _batches, _losses, _config(steps=2, accelerator="auto"))
+    assert model.events[-2:] == ("learns", "cpu")
+    assert model.weight.device.type == "cpu"
 
 
 def test_the_seed_alone_decides_what_the_network_draws():
@@ -206,7 +225,7 @@ def test_a_state_is_not_resumed_under_other_settings(tmp_path):
         folder=tmp_path,
         settings=_Run(loop=longer, work=tmp_path),
     )
-    assert [line["step"] for line in lines] == [3]
+    assert [line["step"] for line in lines] == [2, 3]
     others = {
         "batch": _Run(loop=longer, batch=5),
         "data": _Run(loop=longer, data=tmp_path),

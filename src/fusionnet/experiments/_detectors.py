@@ -2,7 +2,6 @@
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import torch
 from safetensors.torch import save
@@ -14,6 +13,7 @@ from fusionnet.models.anchors import AnchorShapes
 from fusionnet.models.detectors import THESIS_FRAME
 from fusionnet.models.retinanet import RetinaNet
 from fusionnet.policy import weights_folder
+from fusionnet.training.journal import read_lines
 from fusionnet.training.loop import LoopConfig
 from fusionnet.training.optimizers import OptimizerConfig
 from fusionnet.training.thesis_detector import ThesisDetectorConfig, thesis_loop, train
@@ -96,15 +96,8 @@ def trained(
         loop=loop_of(trial.scale, size),
         seed=trial.seed,
     )
-    lines: list[dict[str, Any]] = []
-
-    def note(step: int, steps: int, line: dict[str, Any]) -> None:
-        if line and (not lines or lines[-1]["step"] != line["step"]):
-            lines.append(line)
-        if trial.progress is not None:
-            trial.progress(step, steps)
-
-    measured = train(config, progress=note)
+    measured = train(config, progress=trial.progress)
+    lines = read_lines(trial.state, size.steps)
     classes = measured.pop("classes")
     weights_said = measured.pop("backbone_weights")
     last = measured.pop("loss")

@@ -114,6 +114,8 @@ class EndToEndConfig:
                 "batch, readings and checked are at least 1, threads at least 0; received "
                 f"{self.batch}, {self.readings}, {self.checked}, {self.threads}."
             )
+        if self.loop.accelerator != "cpu":  # trees are searched for there
+            raise InputError(f"One graph trains on a cpu, not on {self.loop.accelerator!r}.")
 
 
 def end_to_end_losses(

@@ -1,10 +1,11 @@
 """The journal of a run: JSON lines, and the same numbers for TensorBoard."""
 
 import json
-import os
 from pathlib import Path
 from types import TracebackType
 from typing import Any
+
+from fusionnet.files import write_whole
 
 LogLine = dict[str, float | int]
 
@@ -27,7 +28,7 @@ class Journal:
         if folder is None:
             return
         folder.mkdir(parents=True, exist_ok=True)
-        _drop_lines_after(folder / LOG_FILE, first)
+        _drop_lines_after(folder, first)
         if tensorboard:
             from torch.utils.tensorboard import SummaryWriter
 
@@ -57,17 +58,27 @@ class Journal:
             self._events.close()
 
 
-def _drop_lines_after(file: Path, step: int) -> None:
-    """Keep the lines up to a step; a line that a kill cut short goes too."""
-    if not file.is_file():
-        return
+def read_lines(folder: Path | None, last: int) -> list[LogLine]:
+    """The lines of a run's log up to a step; a line that a kill cut short is left out.
+
+    Args:
+        folder: Where the run is kept; None, or one without a log, has no lines.
+        last: The step.
+    """
+    if folder is None or not (folder / LOG_FILE).is_file():
+        return []
     kept = []
-    for line in file.read_text(encoding="utf-8", errors="replace").splitlines():
+    for text in (folder / LOG_FILE).read_text(encoding="utf-8", errors="replace").splitlines():
         try:
-            if json.loads(line)["step"] <= step:
-                kept.append(line + "\n")
+            line = json.loads(text)
+            if line["step"] <= last:
+                kept.append(line)
         except (ValueError, KeyError, TypeError):
             continue
-    aside = file.with_name(f".{LOG_FILE}.part")
-    aside.write_text("".join(kept), encoding="utf-8")
-    os.replace(aside, file)
+    return kept
+
+
+def _drop_lines_after(folder: Path, step: int) -> None:
+    if (folder / LOG_FILE).is_file():
+        kept = "".join(json.dumps(line) + "\n" for line in read_lines(folder, step))
+        write_whole(folder / LOG_FILE, kept)

@@ -21,7 +21,7 @@ from lightning.fabric.utilities.exceptions import MisconfigurationException
 from fusionnet.errors import InputError
 from fusionnet.randomness import derived_seed
 from fusionnet.training import weightings
-from fusionnet.training.journal import Journal, LogLine
+from fusionnet.training.journal import Journal, LogLine, read_lines
 from fusionnet.training.optimizers import OptimizerConfig, new_optimizer
 from fusionnet.training.schedules import Schedule, ScheduleConfig
 from fusionnet.training.state import check_settings, load_state, save_state, settings_of
@@ -100,7 +100,7 @@ def fit(
     seed: int = 0,
     progress: Progress | None = None,
 ) -> list[LogLine]:
-    """Train a model in place and return the lines of its log.
+    """Train a model in place and return the lines of its log; the model is on the CPU after it.
 
     Args:
         model: What to train; holds the averaged weights at the end if averaging is on.
@@ -115,7 +115,8 @@ def fit(
         progress: Called after every step with step, steps and the latest log line.
 
     Returns:
-        One dictionary a log line: step, seconds, learning rate, mean of every loss.
+        One dictionary a log line: step, seconds, learning rate, mean of every loss; those of
+        the resumed run come first, as if it had never been killed.
 
     Raises:
         InputError: If there is no such device or precision here.
@@ -161,7 +162,7 @@ def fit(
         wrapped.mark_forward_method("losses")
     rank, world = fabric.global_rank, fabric.world_size
     mine = islice(batches(first * world + rank), 0, None, world)
-    history: list[LogLine] = []
+    history = read_lines(folder, first)
     began = time.monotonic() - spent
     model.train()
     written = folder if fabric.is_global_zero else None
@@ -209,7 +210,7 @@ def fit(
                 progress(step + 1, config.steps, history[-1] if history else {})
     if config.average:
         model.load_state_dict(average, strict=False)
-    model.eval()
+    model.cpu().eval()
     return history
 
 

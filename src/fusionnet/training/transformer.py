@@ -201,7 +201,6 @@ def learn(
         seed=config.seed,
         progress=progress,
     )
-    translator.network.cpu()
     return translator, len(pairs), history
 
 
