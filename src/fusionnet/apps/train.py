@@ -90,8 +90,9 @@ FUSION_PRESETS = {
 def policy(config: PolicyConfig) -> dict[str, Any]:
     """Train a whole policy: pictures, both eyes' detectors, translator and FusionNet.
 
-    A night on two cores. A run that was stopped goes on where its `--work` folder says. Prints
-    the metrics of every part as JSON; `fusionnet run --checkpoint OUT` moves by it.
+    Two and a half hours, mostly of one core. A run that was stopped goes on where its `--work`
+    folder says. Prints the metrics of every part as JSON; `fusionnet run --checkpoint OUT` moves
+    by it.
     """
     with bars() as bar:
         return train_policy(config, bar)

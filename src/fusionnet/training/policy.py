@@ -39,7 +39,7 @@ def _detector_loop(steps: int) -> LoopConfig:
 
 @dataclass(frozen=True, kw_only=True)
 class PolicyConfig:
-    """How to train a whole policy; the defaults take two cores a night.
+    """How to train a whole policy; the defaults take one core two and a half hours.
 
     Attributes:
         out: A new folder for the policy.
@@ -71,9 +71,9 @@ class PolicyConfig:
     views: int = 900
     rooms: int = 1500
     read: int = 3000
-    batch: int = 16
-    detector: LoopConfig = field(default_factory=lambda: _detector_loop(12_000))
-    detector_right: LoopConfig = field(default_factory=lambda: _detector_loop(3000))
+    batch: int = 8
+    detector: LoopConfig = field(default_factory=lambda: _detector_loop(7500))
+    detector_right: LoopConfig = field(default_factory=lambda: _detector_loop(900))
     translator: LoopConfig = field(default_factory=lambda: TranslatorConfig().loop)
     fusion: LoopConfig = field(default_factory=lambda: FusionConfig().loop)
     seed: int = 0
