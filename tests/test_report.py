@@ -4,11 +4,12 @@ import re
 import pytest
 
 from fusionnet.apps.cli import main
+from fusionnet.evaluation.intervals import paired_difference
 from fusionnet.experiments import Figure, Plan, reproduce
 from fusionnet.report import html_page, markdown_page
 from fusionnet.report.chapters import chapter
 from fusionnet.report.figures import draw, draw_answer
-from fusionnet.report.reading import reading
+from fusionnet.report.reading import multiplicity, reading, verdict_sentence
 from toy_experiment import toy
 
 
@@ -26,6 +27,30 @@ def test_the_reading_says_what_is_best_and_how_often_the_thesis_is_borne_out(run
         "Of the thesis's claims it agrees with 1 of 3, differs from 1 of 3, cannot tell 1" in said
     )
     assert "holds zero over 5 seeds" in said
+
+
+def test_a_verdict_is_printed_with_the_interval_that_decides_it(run):
+    for judged in run.judgements:
+        said = verdict_sentence(judged)
+        low, high = map(float, re.search(r"t interval \[(\S+), (\S+)\]", said).groups())
+        assert (low <= 0 <= high) == said.startswith("cannot tell"), said
+
+
+def test_a_difference_of_few_seeds_needs_the_wide_interval_of_students_t():
+    judged = paired_difference([1.0, 2.0, 3.0], [0.0, 0.0, 0.0])
+    assert (judged.low, judged.high) == pytest.approx((-0.4841377, 4.4841377))
+    assert not judged.clear and paired_difference([1.0, 1.1, 1.2], [0.0, 0.0, 0.0]).clear
+    assert not paired_difference([1.0, 1.0], [0.0, 0.0]).clear
+
+
+def test_the_report_says_how_many_verdicts_chance_gives(run):
+    assert "Of 3 claims, each judged by itself at 95 %, 2 are borne out" in multiplicity([run])
+    few = dataclasses.replace(run, judgements=())
+    assert multiplicity([few]) == ""
+    assert (
+        multiplicity([run]) in html_page([run])
+        and multiplicity([run]) in markdown_page([run], "")[0]
+    )
 
 
 def test_a_page_needs_no_other_file(run):

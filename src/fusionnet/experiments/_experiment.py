@@ -16,9 +16,8 @@ Progress = Callable[..., None]
 """Called with what is done, of how much, and maybe a line of a log (as `training.fit` does)."""
 
 PAIRED = (
-    "Paired seeds: a claim is borne out, or contradicted, only where both the 95 % bootstrap "
-    "interval and the 95 % t interval of the mean difference leave out zero, over three seeds or "
-    "more; otherwise it cannot be told."
+    "Paired seeds: a claim is borne out, or contradicted, only where the 95 % t interval of the "
+    "mean difference leaves out zero, over three seeds or more; otherwise it cannot be told."
 )
 
 _NAME = re.compile(r"[a-z0-9][a-z0-9.+=_-]*")

@@ -43,7 +43,7 @@ class Judgement:
 
     Attributes:
         claim: What was claimed.
-        verdict: "cannot tell" unless the interval of the paired difference leaves out zero.
+        verdict: "cannot tell" unless the t interval of the paired difference leaves out zero.
         difference: Better minus worse by the claim, over paired seeds; None if not run.
     """
 

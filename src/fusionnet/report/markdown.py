@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from fusionnet.report.answer import ANSWER, answer_chapter, answer_words
 from fusionnet.report.chapters import Chapter
 from fusionnet.report.figures import draw, draw_answer
-from fusionnet.report.reading import caption, reading, verdict_sentence
+from fusionnet.report.reading import caption, multiplicity, reading, verdict_sentence
 from fusionnet.report.tables import HEAD, notes, table
 
 
@@ -22,6 +22,8 @@ def markdown_page(chapters: Sequence[Chapter], images: str) -> tuple[str, dict[s
     if lead is not None:
         figures["answer.svg"] = draw_answer(lead, ANSWER)
         lines += [f"![Success and error with each representation]({images}/answer.svg)", ""]
+    if chance := multiplicity(chapters):
+        lines += [chance, ""]
     for chapter in chapters:
         lines += _section(chapter, images, figures)
     return "\n".join(lines).rstrip() + "\n", figures

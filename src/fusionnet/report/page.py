@@ -7,7 +7,7 @@ from importlib import resources
 from fusionnet.report.answer import ANSWER, QUESTION, answer_chapter, answer_words
 from fusionnet.report.chapters import Chapter
 from fusionnet.report.figures import draw, draw_answer
-from fusionnet.report.reading import caption, reading, verdict_sentence
+from fusionnet.report.reading import caption, multiplicity, reading, verdict_sentence
 from fusionnet.report.tables import HEAD, notes, table
 
 PAGE = """<!doctype html>
@@ -15,7 +15,7 @@ PAGE = """<!doctype html>
 <meta name="viewport" content="width=device-width, initial-scale=1">
 <title>FusionNet: results</title><style>{style}</style></head>
 <body><main>
-<header><h1>{question}</h1><p class="answer">{answer}</p>{figure}</header>
+<header><h1>{question}</h1><p class="answer">{answer}</p>{figure}<p>{chance}</p></header>
 <nav><h2>Experiments</h2><ol>{contents}</ol></nav>
 {sections}
 </main></body></html>
@@ -44,6 +44,7 @@ def html_page(chapters: Sequence[Chapter]) -> str:
         question=escape(QUESTION),
         answer=escape(answer_words(chapters).removeprefix(QUESTION).strip()),
         figure="" if lead is None else f"<figure>{draw_answer(lead, ANSWER)}</figure>",
+        chance=escape(multiplicity(chapters)),
         contents="".join(
             f'<li><a href="#{c.experiment.name}">{escape(c.experiment.title)}</a> '
             f"<small>{escape(_state(c))}</small></li>"

@@ -1,9 +1,10 @@
 """What the numbers say, in two sentences, and no more than they bear."""
 
+from collections.abc import Sequence
+
+from fusionnet.evaluation.intervals import ENOUGH_SEEDS
 from fusionnet.experiments import Experiment, Figure, Judgement
 from fusionnet.report.chapters import Chapter
-
-ENOUGH_SEEDS = 3
 
 
 def reading(chapter: Chapter) -> str:
@@ -38,7 +39,7 @@ def _verdicts(chapter: Chapter) -> str:
         few = f" ({_seeds(chapter.seeds)}: too few to tell anything)"
     elif any(j.verdict == "cannot tell" for j in run):
         seeds = _seeds(chapter.seeds)
-        few = f" (it cannot tell where an interval of the difference holds zero over {seeds})"
+        few = f" (it cannot tell where the t interval of the difference holds zero over {seeds})"
     text = ", and ".join(said)
     return f"{text[0].upper()}{text[1:]}{few}."
 
@@ -61,10 +62,26 @@ def verdict_sentence(judgement: Judgement) -> str:
     difference = judgement.difference
     if difference is None:
         return "not run"
+    interval = ""
+    if difference.seeds > 1:
+        interval = f", 95 % t interval [{difference.low:+.3g}, {difference.high:+.3g}]"
     return (
-        f"{judgement.verdict}: difference {difference.mean:+.3g} "
-        f"[{difference.low:+.3g}, {difference.high:+.3g}], "
-        f"{_seeds(difference.seeds)}, p {difference.p_value:.2g}"
+        f"{judgement.verdict}: difference {difference.mean:+.3g}{interval}, "
+        f"{_seeds(difference.seeds)}"
+    )
+
+
+def multiplicity(chapters: Sequence[Chapter]) -> str:
+    """How many verdicts chance alone would give, of all claims that could be told."""
+    found = [j.difference for chapter in chapters for j in chapter.judgements]
+    judged = sum(d is not None and d.seeds >= ENOUGH_SEEDS for d in found)
+    clear = sum(d is not None and d.clear for d in found)
+    if not judged:
+        return ""
+    return (
+        f"Of {judged} claims, each judged by itself at 95 %, {clear} are borne out or "
+        "contradicted. Nothing corrects for their number: were there no differences at all, about "
+        f"{0.05 * judged:.0f} would be so by chance, so expect a few of these to be."
     )
 
 
