@@ -2,8 +2,14 @@
 
 import fcntl
 import hashlib
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import IO, Any
+
+PAUSE = 0.5
+"""Seconds between looks at whether another process has done what is done alone."""
 
 
 class Lock:
@@ -43,3 +49,20 @@ class Lock:
 
     def __exit__(self, *_: object) -> None:
         self.release()
+
+
+@contextmanager
+def alone(work: Path, what: Path) -> Iterator[None]:
+    """Do one thing at a time, waiting while another process is at it.
+
+    Whoever comes in looks first whether it is done by then.
+
+    Args:
+        work: Folder that the processes share.
+        what: Names what is done, apart from where.
+    """
+    lock = Lock(work, what)
+    while not lock.acquire():
+        time.sleep(PAUSE)
+    with lock:
+        yield

@@ -9,6 +9,7 @@ from fusionnet.dataset.build import build, plan_for
 from fusionnet.dataset.sources import Sources
 from fusionnet.experiments._experiment import Outcome, Scale, Trial
 from fusionnet.experiments._fusion import curves_of
+from fusionnet.experiments._locks import alone
 from fusionnet.experiments._sources import corpus_for
 from fusionnet.models.anchors import AnchorShapes
 from fusionnet.training.thesis_fusion import run
@@ -40,21 +41,22 @@ DIFFERS: Mapping[Scale, str] = {
 
 
 def fusion_set(trial: Trial) -> Path:
-    """The data set of all these experiments at a scale, built once.
+    """The data set of all these experiments at a scale, built by one process; others wait.
 
     Raises:
         DataError: If it is not built yet and the treebank was not given.
     """
     folder = trial.work / "fusion-set"
-    if (folder / "checksums.json").is_file():
-        return folder
-    corpus = corpus_for(trial).name
-    sources = Sources(data=trial.data)
-    size = (160, 90) if trial.scale == "smoke" else (480, 270)
-    if trial.scale == "thesis":
-        size = (960, 540)
-    plan = plan_for(SAMPLES[trial.scale], corpus, sources, size=size, quality=85)
-    build(folder, plan, sources, progress=trial.progress)
+    with alone(trial.work, folder.relative_to(trial.work)):
+        if (folder / "checksums.json").is_file():
+            return folder
+        corpus = corpus_for(trial).name
+        sources = Sources(data=trial.data)
+        size = (160, 90) if trial.scale == "smoke" else (480, 270)
+        if trial.scale == "thesis":
+            size = (960, 540)
+        plan = plan_for(SAMPLES[trial.scale], corpus, sources, size=size, quality=85)
+        build(folder, plan, sources, progress=trial.progress)
     return folder
 
 

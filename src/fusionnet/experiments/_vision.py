@@ -1,6 +1,5 @@
 """What the experiments of chapter 6 learn from: pictures, made when first needed."""
 
-import time
 from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
@@ -10,12 +9,9 @@ from fusionnet.dataset.build import build, plan_for
 from fusionnet.dataset.plan import SPLITS
 from fusionnet.dataset.sources import Sources
 from fusionnet.experiments._experiment import Trial
-from fusionnet.experiments._locks import Lock
+from fusionnet.experiments._locks import alone
 from fusionnet.experiments._sources import corpus_for
 from fusionnet.files import write_whole
-
-PAUSE = 0.5
-"""Seconds between looks at whether another process has made the pictures."""
 
 COMMANDS = 40
 """Commands of our own at the smoke scale."""
@@ -60,10 +56,7 @@ def _made(
     views: str | None,
 ) -> Path:
     folder = work / f"pictures-{views or 'eye'}-{counts[0]}-{size[0]}x{size[1]}"
-    lock = Lock(work, folder)
-    while not lock.acquire():
-        time.sleep(PAUSE)
-    with lock:
+    with alone(work, folder.relative_to(work)):
         sources = Sources(data=data or _own_commands(work / "commands"), views=views)
         options = {"size": size, "varied": 0.3, "eyes_share": 0.0}
         plan = plan_for(str(counts[0]), "treebank", sources, **options)
