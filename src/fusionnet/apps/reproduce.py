@@ -11,7 +11,7 @@ from rich.table import Table
 from fusionnet import experiments
 from fusionnet.apps.progress import bars
 from fusionnet.errors import DataError, InputError
-from fusionnet.experiments import Experiment, Plan, Record, judge, summaries
+from fusionnet.experiments import Experiment, Plan, Record, judge, of_one_setup, summaries
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -63,9 +63,18 @@ def _one(experiment: Experiment, plan: Plan, console: Console) -> None:
     with bars() as bar:
         runs, within = bar(f"{experiment.name}: runs"), bar("this run")
         records = experiments.reproduce(experiment, plan, progress=runs, within=within)
-    console.print(_table(experiment, records), soft_wrap=not console.is_terminal)
+    today = experiment.differs.get(plan.scale, "")
+    kept = of_one_setup(records, today)
+    if others := sum((record.setup or today) != today for record in records):
+        console.print(
+            f"{experiment.name}: {others} of {len(records)} runs were made with another set-up "
+            f"than today's, {len(records) - len(kept)} are left out below; --again makes them "
+            "anew.",
+            soft_wrap=True,
+        )
+    console.print(_table(experiment, kept), soft_wrap=not console.is_terminal)
     for claim in experiment.claims:
-        judged = judge(experiment, claim, records)
+        judged = judge(experiment, claim, kept)
         console.print(f"  {judged.verdict}: {claim.says}")
 
 

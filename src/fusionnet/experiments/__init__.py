@@ -17,7 +17,7 @@ from fusionnet.experiments._experiment import (
     Trial,
     Variant,
 )
-from fusionnet.experiments._records import Record, read_records
+from fusionnet.experiments._records import Record, of_one_setup, read_records
 from fusionnet.experiments._reproduce import reproduce
 from fusionnet.experiments._runner import Plan
 from fusionnet.experiments._search import proposal_name
@@ -47,6 +47,7 @@ __all__ = [
     "less_is_better",
     "load",
     "names",
+    "of_one_setup",
     "proposal_name",
     "read_records",
     "reproduce",

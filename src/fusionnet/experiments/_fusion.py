@@ -42,10 +42,12 @@ def train_fusion(
     trial: Trial,
     model: FusionNet | None = None,
     losses: Losses | None = None,
+    *,
+    resumed: bool = True,
 ) -> tuple[FusionNet, list[LogLine]]:
     """A fusion part that has learnt from some commands, and the lines of its log.
 
-    A killed run goes on from the trial's state.
+    A killed run goes on from the trial's state, unless it is not to be `resumed`.
     """
     torch.set_num_threads(1)
     examples = PlannedExamples(commands)
@@ -60,7 +62,8 @@ def train_fusion(
         batches,
         losses or (lambda network, batch: network.losses(*batch)),
         config.loop,
-        folder=trial.state,
+        folder=trial.state if resumed else None,
+        settings=config,
         progress=trial.progress,
     )
     return model, history

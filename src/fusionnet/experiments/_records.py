@@ -1,7 +1,8 @@
 """One whole JSON file a run: what was run, on what, how long, and what came out."""
 
 import json
-from collections.abc import Iterator
+from collections import Counter
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -26,6 +27,8 @@ class Record:
         metrics, configuration, curves, details: Of the outcome.
         seconds: Wall time.
         provenance: Commit, versions, machine.
+        setup: How the run differed from the thesis's, in the experiment's words of its time;
+            empty in records from before these were kept.
     """
 
     experiment: str
@@ -39,6 +42,7 @@ class Record:
     details: dict[str, Any]
     seconds: float
     provenance: dict[str, Any]
+    setup: str = ""
 
 
 def record_file(results: Path, trial: Trial) -> Path:
@@ -47,7 +51,9 @@ def record_file(results: Path, trial: Trial) -> Path:
     return results / trial.experiment / trial.scale / name
 
 
-def write_record(file: Path, trial: Trial, outcome: Outcome, seconds: float) -> Record:
+def write_record(
+    file: Path, trial: Trial, outcome: Outcome, seconds: float, setup: str = ""
+) -> Record:
     """Write a run's record, whole or not at all.
 
     Raises:
@@ -65,6 +71,7 @@ def write_record(file: Path, trial: Trial, outcome: Outcome, seconds: float) -> 
         details=dict(outcome.details),
         seconds=round(seconds, 2),
         provenance=provenance(),
+        setup=setup,
     )
     lines = [
         f"{json.dumps(name)}: {json.dumps(value)}"
@@ -92,6 +99,18 @@ def read_record(file: Path) -> Record:
         raise DataError(
             f"{file} is not a whole record ({error}); delete it and run again."
         ) from error
+
+
+def of_one_setup(records: Sequence[Record], today: str) -> list[Record]:
+    """The records that may stand in one mean: those of today's set-up, or else of the commonest.
+
+    Args:
+        records: Of an experiment at a scale.
+        today: The set-up in the experiment's words now; records without any count as made by it.
+    """
+    counts = Counter(record.setup or today for record in records)
+    kept = today if today in counts else max(counts, key=lambda text: counts[text], default=today)
+    return [record for record in records if (record.setup or today) == kept]
 
 
 def read_records(results: Path, experiment: str, scale: str) -> list[Record]:

@@ -77,6 +77,7 @@ def run_trial(experiment: Experiment, plan: Plan, trial: Trial) -> Record | None
             return read_record(file)
         began = time.monotonic()
         outcome = experiment.run(trial)
-        record = write_record(file, trial, outcome, time.monotonic() - began)
+        setup = experiment.differs.get(trial.scale, "")
+        record = write_record(file, trial, outcome, time.monotonic() - began, setup)
         shutil.rmtree(trial.state, ignore_errors=True)
         return record

@@ -15,6 +15,7 @@ says nothing of crowded tables and long sentences.
 """
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from itertools import combinations
 from typing import Any, cast
 
@@ -55,6 +56,8 @@ POINTING: Mapping[Scale, tuple[int, int, int]] = {
 """Commands to learn from, steps of 16, commands that are tested."""
 
 POINTING_RATE = 3e-3
+
+BATCH = 16
 
 TESTED_FROM = 500_001
 """Number of the generator's command that tests begin with; training ends long before."""
@@ -106,6 +109,16 @@ def run(trial: Trial) -> Outcome:
     return run_fusion(trial, config)
 
 
+@dataclass(frozen=True)
+class _PointingConfig:
+    """What a killed run of the network that points must share to go on."""
+
+    learnt: int
+    batch: int
+    loop: LoopConfig
+    seed: int
+
+
 def _point(trial: Trial) -> Outcome:
     torch.set_num_threads(1)
     learnt_count, steps, tested_count = POINTING[trial.scale]
@@ -127,10 +140,11 @@ def _point(trial: Trial) -> Outcome:
     )
     history = fit(
         model,
-        lambda first: batches(model, learnt, 16, trial.seed, first),
+        lambda first: batches(model, learnt, BATCH, trial.seed, first),
         lambda network, batch: cast(Any, network).losses(batch),
         loop,
         folder=trial.state,
+        settings=_PointingConfig(learnt_count, BATCH, loop, trial.seed),
         seed=trial.seed,
         progress=trial.progress,
     )
@@ -140,7 +154,12 @@ def _point(trial: Trial) -> Outcome:
         metrics["target_exact"] = exact
     return Outcome(
         metrics=metrics,
-        configuration={"learnt": learnt_count, "steps": steps, "batch": 16, "rate": POINTING_RATE},
+        configuration={
+            "learnt": learnt_count,
+            "steps": steps,
+            "batch": BATCH,
+            "rate": POINTING_RATE,
+        },
         curves=curves_of(history),
         details={"tested": tested_count},
     )

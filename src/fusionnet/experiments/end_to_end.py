@@ -23,6 +23,7 @@ from fusionnet.models.end_to_end import EndToEnd
 from fusionnet.randomness import derived_seed
 from fusionnet.training.end_to_end import (
     LOSS_WEIGHTS,
+    EndToEndConfig,
     Representation,
     end_to_end_losses,
     load,
@@ -78,12 +79,21 @@ def run(trial: Trial) -> Outcome:
         save_every=20,
         tensorboard=False,
     )
+    config = EndToEndConfig(
+        dataset=folder,
+        representations=kept,
+        readings=READINGS,
+        batch=BATCH[scale],
+        loop=loop,
+        seed=trial.seed,
+    )
     history = fit(
         model,
         lambda first: learnt.batches(model.translator, BATCH[scale], trial.seed, first),
         lambda wrapped, batch: end_to_end_losses(wrapped, model, batch, kept),
         loop,
         folder=trial.state,
+        settings=config,
         seed=trial.seed,
         progress=trial.progress,
     )

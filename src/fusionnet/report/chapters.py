@@ -15,6 +15,7 @@ from fusionnet.experiments import (
     Summary,
     Variant,
     judge,
+    of_one_setup,
     read_records,
     summaries,
 )
@@ -30,7 +31,8 @@ class Chapter:
     Attributes:
         experiment: What was to be run.
         scale: Of the runs; None if nothing was run.
-        records: The runs.
+        records: The runs, all of one set-up.
+        left_out: How many runs of other set-ups there are beside them.
         summaries: Of the deciding metric, a variant each.
         judgements: A verdict for each claim.
     """
@@ -38,6 +40,7 @@ class Chapter:
     experiment: Experiment
     scale: Scale | None
     records: tuple[Record, ...]
+    left_out: int
     summaries: tuple[Summary, ...]
     judgements: tuple[Judgement, ...]
 
@@ -98,12 +101,14 @@ def chapter(experiment: Experiment, results: Path, scales: Sequence[Scale] = SCA
             break
     else:
         scale, records = None, []
+    kept = of_one_setup(records, experiment.differs.get(scale, "") if scale else "")
     return Chapter(
         experiment=experiment,
         scale=scale,
-        records=tuple(records),
-        summaries=tuple(_in_order(experiment, scale, summaries(records, experiment.metric))),
-        judgements=tuple(judge(experiment, claim, records) for claim in experiment.claims),
+        records=tuple(kept),
+        left_out=len(records) - len(kept),
+        summaries=tuple(_in_order(experiment, scale, summaries(kept, experiment.metric))),
+        judgements=tuple(judge(experiment, claim, kept) for claim in experiment.claims),
     )
 
 

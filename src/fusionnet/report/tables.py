@@ -56,13 +56,16 @@ def notes(chapter: Chapter) -> str:
     assert chapter.scale is not None
     sources = {str(r.provenance.get("commit")) for r in chapter.records}
     machine = chapter.records[0].provenance
+    setup = chapter.records[0].setup or experiment.differs.get(chapter.scale)
+    left_out = f"{chapter.left_out} runs of another set-up are left out."
     parts = [
         f"The thesis: {experiment.setup}",
-        f"Ours ({chapter.scale}): {experiment.differs.get(chapter.scale, 'the same.')}",
+        f"Ours ({chapter.scale}): {setup or 'the same.'}",
         experiment.caution,
         experiment.test if experiment.claims else "",
         f"{len(chapter.records)} runs, {chapter.minutes:.0f} minutes in all, commit "
         f"{', '.join(sorted(sources))}, {machine.get('processor')}, {machine.get('device')}; "
         f"`{chapter.records[0].command}` makes them again.",
+        left_out if chapter.left_out else "",
     ]
     return " ".join(part for part in parts if part)
