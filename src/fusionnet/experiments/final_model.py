@@ -72,10 +72,12 @@ def _trained_transformer(trial: Trial) -> Path:
         steps=4 * STEPS[trial.scale],
         check=(),
     )
-    folder = trial.work / "transformers" / f"{config.writes}-seed{trial.seed}"
+    folder = trial.state / "trained-transformer"
     if (folder / "config.json").is_file():
         return folder
-    config = replace(config, work=trial.state / "transformer")
+    schedule = replace(config.loop.schedule, monitor="tree")
+    loop = replace(config.loop, schedule=schedule)
+    config = replace(config, work=trial.state / "transformer", loop=loop)
     model, *_ = thesis_fusion.run(config, progress=trial.progress)
     language = Transformer(
         model.transformer, model.source, model.target, model.source, writes=config.writes
