@@ -1,31 +1,44 @@
 import dataclasses
+import itertools
 import json
 import os
 import signal
 import subprocess
 import sys
+import threading
 import time
 from collections import Counter
 from pathlib import Path
 
 import optuna
 import pytest
+import torch
 
 from fusionnet import experiments
 from fusionnet.apps.cli import main
-from fusionnet.errors import DataError, InputError, UnknownNameError
+from fusionnet.errors import CheckpointError, DataError, InputError, UnknownNameError
 from fusionnet.experiments import (
     Outcome,
     Plan,
     Trial,
     Variant,
+    _thesis_fusion,
+    conflict,
+    final_model,
     judge,
+    of_one_setup,
     read_records,
     reproduce,
     require,
     summaries,
 )
-from toy_experiment import STEPS, toy
+from fusionnet.experiments._fusion import fusion_config, train_fusion
+from fusionnet.experiments._locks import Lock, alone
+from fusionnet.files import write_whole
+from fusionnet.report.chapters import chapter
+from fusionnet.report.tables import notes
+from fusionnet.training.thesis_fusion_config import ThesisFusionConfig
+from toy_experiment import STEPS, run, toy
 
 TOY = Path(__file__).parent / "toy_experiment.py"
 
@@ -189,6 +202,150 @@ def test_some_variants_may_be_made_again_alone(tmp_path):
     assert len(read_records(tmp_path / "results", "toy", "smoke")) == len(everything)
     reproduce(toy(trials=2), plan(tmp_path))
     assert made(tmp_path) - before == Counter(["x2 0", "x2 1"])
+
+
+def with_setup(text: str):
+    return dataclasses.replace(toy(), differs={"smoke": text})
+
+
+def test_runs_of_different_setups_do_not_stand_in_one_mean(tmp_path):
+    reproduce(with_setup("Ten steps."), plan(tmp_path, only=("x1",)))
+    records = reproduce(with_setup("Twenty steps."), plan(tmp_path))
+    assert Counter(r.setup for r in records) == {"Ten steps.": 2, "Twenty steps.": 4}
+    assert {r.variant.name for r in of_one_setup(records, "Twenty steps.")} == {"x2", "x3"}
+    commonest = of_one_setup(records, "Thirty steps.")
+    assert {r.setup for r in commonest} == {"Twenty steps."}
+    shown = chapter(with_setup("Twenty steps."), tmp_path / "results")
+    assert shown.left_out == 2 and {s.variant.name for s in shown.summaries} == {"x2", "x3"}
+    assert [j.verdict for j in shown.judgements] == ["not run"] * 3
+    assert "2 runs of another set-up are left out" in notes(shown)
+
+
+def test_the_report_tells_the_setup_that_ran_not_todays(tmp_path):
+    reproduce(with_setup("Ten steps."), plan(tmp_path))
+    later = chapter(with_setup("Twenty steps."), tmp_path / "results")
+    assert "Ten steps." in notes(later) and "Twenty" not in notes(later)
+    for file in (tmp_path / "results").rglob("*.json"):  # as records were before
+        stored = json.loads(file.read_text())
+        del stored["setup"]
+        file.write_text(json.dumps(stored))
+    assert "Twenty steps." in notes(chapter(with_setup("Twenty steps."), tmp_path / "results"))
+
+
+def test_runs_of_another_setup_are_told(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(experiments, "load", lambda name: now)
+    monkeypatch.chdir(tmp_path)
+    run = ["reproduce", "toy", "--scale", "smoke"]
+    now = with_setup("Ten steps.")
+    assert main(run) == 0 and "another set-up" not in capsys.readouterr().out
+    now = with_setup("Twenty steps.")
+    assert main(run) == 0
+    said = capsys.readouterr().out
+    assert "toy: 6 of 6 runs were made with another set-up than today's, 0 are left out" in said
+    assert main([*run, "--again"]) == 0 and "another set-up" not in capsys.readouterr().out
+
+
+def measured_together(trial: Trial) -> Outcome:
+    file = trial.shared / f"seed{trial.seed}.json"
+    if not file.is_file():
+        write_whole(file, json.dumps(run(trial).metrics))
+    return Outcome(metrics=json.loads(file.read_text()))
+
+
+def test_again_measures_again_what_trials_measured_together(tmp_path):
+    experiment = dataclasses.replace(toy(), run=measured_together)
+    reproduce(experiment, plan(tmp_path))
+    reproduce(experiment, plan(tmp_path))
+    assert made(tmp_path).total() == 2
+    reproduce(experiment, plan(tmp_path, again=True))
+    assert made(tmp_path).total() == 4
+    reproduce(experiment, plan(tmp_path, again=True, only=("x2",)))
+    assert made(tmp_path).total() == 6
+
+
+@pytest.mark.parametrize("kind", ["thesis", "compact"])
+def test_the_cosines_of_all_pairs_are_measured_once_and_again_on_demand(
+    tmp_path, monkeypatch, kind
+):
+    counted = Counter()
+
+    def measure(trial: Trial) -> conflict.Cosines:
+        counted[kind] += 1
+        found = conflict.Cosines(torch.nn.Linear(1, 1), (), 1)
+        pairs = ["-".join(p) for p in itertools.combinations(conflict.LOSSES[kind], 2)]
+        found.found, found.shared = dict.fromkeys(pairs, [0.5]), dict.fromkeys(pairs, 1)
+        return found
+
+    monkeypatch.setattr(conflict, f"_{kind}", measure)
+    names = tuple(v.name for v in conflict.variants("smoke") if v.name.startswith(kind))
+    for again, times in ((False, 1), (False, 1), (True, 2)):
+        reproduce(conflict.EXPERIMENT, plan(tmp_path, only=names, again=again))
+        assert counted[kind] == times
+
+
+def test_what_is_done_alone_waits_for_another_process(tmp_path):
+    done = threading.Event()
+
+    def work() -> None:
+        with alone(tmp_path, Path("what")):
+            done.set()
+
+    lock = Lock(tmp_path, Path("what"))
+    assert lock.acquire()
+    waiting = threading.Thread(target=work)
+    waiting.start()
+    assert not done.wait(0.3)
+    lock.release()
+    assert done.wait(10)
+    waiting.join()
+
+
+def test_two_processes_need_the_fusion_set_and_one_builds_it(tmp_path, monkeypatch):
+    built = []
+
+    def build(folder: Path, *_: object, **__: object) -> None:
+        built.append(folder)
+        time.sleep(0.3)
+        write_whole(folder / "checksums.json", "{}")
+
+    monkeypatch.setattr(_thesis_fusion, "build", build)
+    monkeypatch.setattr(_thesis_fusion, "plan_for", lambda *_, **__: None)
+    trial = Trial(experiment="t", variant=Variant(name="x", values={}), seed=0, scale="smoke")
+    trial = dataclasses.replace(trial, work=tmp_path)
+    needing = [threading.Thread(target=_thesis_fusion.fusion_set, args=(trial,)) for _ in range(2)]
+    for thread in needing:
+        thread.start()
+    for thread in needing:
+        thread.join()
+    assert built == [tmp_path / "fusion-set"]
+
+
+def test_the_final_models_transformer_is_slowed_by_the_loss_that_it_learns(tmp_path, monkeypatch):
+    seen = []
+
+    def stop(config: ThesisFusionConfig, **_: object) -> None:
+        seen.append(config.loop)
+        raise InterruptedError
+
+    monkeypatch.setattr(_thesis_fusion, "fusion_set", lambda trial: tmp_path)
+    monkeypatch.setattr(final_model.thesis_fusion, "run", stop)
+    final = next(v for v in final_model.variants("smoke") if v.name == "final")
+    trial = Trial(experiment="final_model", variant=final, seed=0, scale="smoke", work=tmp_path)
+    with pytest.raises(InterruptedError):
+        final_model.run(trial)
+    assert seen[0].loss_weights[seen[0].schedule.monitor] > 0
+
+
+def test_a_state_is_not_resumed_under_other_settings_nor_kept_where_it_is_not_wanted(tmp_path):
+    trial = Trial(experiment="t", variant=Variant(name="x", values={}), seed=0, scale="smoke")
+    trial = dataclasses.replace(trial, work=tmp_path)
+    learnt = experiments.corpus_for(trial).split("train")[:20]
+    train_fusion(learnt, fusion_config(1, 0, 2, save_every=1), trial, resumed=False)
+    assert not list(tmp_path.rglob("*.safetensors"))
+    train_fusion(learnt, fusion_config(1, 0, 2, save_every=1), trial)
+    assert list(trial.state.rglob("*.safetensors"))
+    with pytest.raises(CheckpointError, match="learning_rate"):
+        train_fusion(learnt, fusion_config(2, 0, 2, save_every=1, learning_rate=0.01), trial)
 
 
 def test_no_seeds_are_refused():

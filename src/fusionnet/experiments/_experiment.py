@@ -156,6 +156,11 @@ class Trial:
         """
         return self.work / "states" / self.experiment / f"{self.variant.name}-seed{self.seed}"
 
+    @property
+    def shared(self) -> Path:
+        """Folder for what trials of this experiment measure together; `--again` removes it."""
+        return self.work / "shared" / self.experiment
+
 
 @dataclass(frozen=True, kw_only=True)
 class Search:

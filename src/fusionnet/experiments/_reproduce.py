@@ -80,13 +80,16 @@ def _chosen(experiment: Experiment, plan: Plan) -> list[Variant]:
 def _forget(experiment: Experiment, plan: Plan, variants: Sequence[Variant]) -> None:
     """Remove the records of variants that a plan names, and the states of runs that were killed.
 
-    Where it names none, all of the scale go, and the study of its search.
+    Where it names none, all of the scale go, and the study of its search. What trials measured
+    together goes in any case.
     """
+    trial = trial_of(experiment, plan, variants[0], seed=0)
+    shutil.rmtree(trial.shared, ignore_errors=True)
     patterns = [f"{variant.name}-seed*" for variant in variants] if plan.only else ["*"]
     for pattern in patterns:
         for file in (plan.results / experiment.name / plan.scale).glob(f"{pattern}.json"):
             file.unlink(missing_ok=True)
-        for state in (plan.work / plan.scale / "states" / experiment.name).glob(pattern):
+        for state in trial.state.parent.glob(pattern):
             shutil.rmtree(state, ignore_errors=True)
     if not plan.only:
         forget_study(experiment, plan)

@@ -5,7 +5,6 @@ others read what it wrote.
 """
 
 import json
-import time
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 from itertools import combinations
@@ -25,7 +24,7 @@ from fusionnet.experiments._experiment import (
 )
 from fusionnet.experiments._fusion import fusion_config as compact_config
 from fusionnet.experiments._fusion import train_fusion
-from fusionnet.experiments._locks import Lock
+from fusionnet.experiments._locks import alone
 from fusionnet.experiments._sources import corpus_for
 from fusionnet.experiments._thesis_fusion import DIFFERS, fusion_config
 from fusionnet.files import write_whole
@@ -102,11 +101,8 @@ class Cosines:
 def run(trial: Trial) -> Outcome:
     """One pair's cosines over a training, which is made if no other pair has made it."""
     network = trial.variant.values["network"]
-    file = trial.work / "conflict" / f"{network}-seed{trial.seed}.json"
-    lock = Lock(trial.work, file.relative_to(trial.work))
-    while not lock.acquire():
-        time.sleep(0.5)
-    with lock:
+    file = trial.shared / f"{network}-seed{trial.seed}.json"
+    with alone(trial.work, file.relative_to(trial.work)):
         if not file.is_file():
             measure = _thesis if network == "thesis" else _compact
             write_whole(file, json.dumps(measure(trial).as_json()))
@@ -170,9 +166,10 @@ def _compact(trial: Trial) -> Cosines:
     train_fusion(
         learnt,
         config,
-        replace(trial, work=trial.work / "conflict-compact"),
+        trial,
         model,
         lambda wrapped, batch: cosines(wrapped, batch, lambda n, b: n.losses(*b)),
+        resumed=False,  # the cosines of the steps before would be lost
     )
     return cosines
 
