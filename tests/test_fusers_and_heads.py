@@ -1,6 +1,9 @@
 """The contracts of fusers and heads: every entry of both catalogues, whatever it is."""
 
+import ast
 import dataclasses
+import inspect
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -98,6 +101,28 @@ def test_every_head_owns_target_prediction_loss_and_metric(name):
     assert len(found) == 2
     measured = head.metric(found, targets)
     assert measured and all(np.isfinite(value) for value in measured.values())
+
+
+def class_without_docstrings(source: str, name: str) -> str:
+    parsed = ast.parse(source)
+    found = next(n for n in parsed.body if isinstance(n, ast.ClassDef) and n.name == name)
+    for node in (found, *(n for n in found.body if isinstance(n, ast.FunctionDef))):
+        if ast.get_docstring(node) is not None:
+            del node.body[0]
+    return ast.unparse(found)
+
+
+def test_the_documented_head_is_the_one_that_runs():
+    page = (Path(__file__).parents[1] / "docs" / "add-a-head.md").read_text("utf-8")
+    listing = page.split("```python\n")[1].split("```")[0]
+    kind = heads.load("occupancy")
+    source = inspect.getsource(inspect.getmodule(kind))
+    assert class_without_docstrings(listing, kind.__name__) == class_without_docstrings(
+        source, kind.__name__
+    )
+    shown: dict = {}
+    exec(compile(listing, "add-a-head.md", "exec"), shown)  # its imports are all it needs
+    assert set(shown["HEAD"].target(example(np.random.default_rng(0))).tolist()) == {3, 5, 16}
 
 
 @pytest.mark.parametrize("name", heads.names())
