@@ -81,7 +81,7 @@ def multiplicity(chapters: Sequence[Chapter]) -> str:
     return (
         f"Of {judged} claims, each judged by itself at 95 %, {clear} are borne out or "
         "contradicted. Nothing corrects for their number: were there no differences at all, about "
-        f"{0.05 * judged:.0f} would be so by chance, so expect a few of these to be."
+        f"{0.05 * judged:.0f} would be so by chance alone; a few of these may be."
     )
 
 
