@@ -3,8 +3,13 @@ import json
 import pytest
 import torch
 
-from fusionnet.errors import CheckpointError
-from fusionnet.models.checkpoint import load_checkpoint, restore, save_checkpoint
+from fusionnet.errors import CheckpointError, OutputError
+from fusionnet.models.checkpoint import (
+    check_checkpoint_folder,
+    load_checkpoint,
+    restore,
+    save_checkpoint,
+)
 
 
 @pytest.fixture
@@ -24,6 +29,43 @@ def test_a_checkpoint_comes_back(tmp_path):
     for name, value in tensors.items():
         torch.testing.assert_close(read.tensors[name], value)
     assert [p.name for p in tmp_path.iterdir()] == ["net"]
+
+
+def _save(folder, value=1.0):
+    save_checkpoint(folder, kind="toy", config={}, tensors={"x": torch.tensor([value])})
+
+
+@pytest.mark.parametrize("name", ["README.md", "config.json", "thesis.tex"])
+def test_other_files_are_never_replaced(folder, name, tmp_path):
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine" / name).write_text("{}")
+    (folder / "notes.txt").write_text("mine")
+    for place in (tmp_path / "mine", folder):
+        before = {file.name: file.read_bytes() for file in place.iterdir()}
+        for refused in (check_checkpoint_folder, _save):
+            with pytest.raises(OutputError, match="holds other files"):
+                refused(place)
+        assert {file.name: file.read_bytes() for file in place.iterdir()} == before
+
+
+def test_an_earlier_checkpoint_is_replaced_whole_or_not_at_all(folder, tmp_path, monkeypatch):
+    check_checkpoint_folder(folder)
+    before = {file.name: file.read_bytes() for file in folder.iterdir()}
+    with monkeypatch.context() as patched:
+        patched.setattr("fusionnet.models.checkpoint.model_card", lambda _: 1 / 0)
+        with pytest.raises(ZeroDivisionError):
+            _save(folder)
+    assert {file.name: file.read_bytes() for file in folder.iterdir()} == before
+    _save(folder, 2.0)
+    assert load_checkpoint(folder, "toy").tensors["x"].tolist() == [2.0]
+    assert [file.name for file in tmp_path.iterdir()] == ["net"]
+
+
+def test_a_checkpoint_does_not_hold_the_files_of_its_training(folder, tmp_path):
+    check_checkpoint_folder(folder, tmp_path)
+    for work in (folder, folder / "work"):
+        with pytest.raises(OutputError, match="would hold the files of"):
+            check_checkpoint_folder(folder, work)
 
 
 def test_half_precision_halves_only_floats(folder):

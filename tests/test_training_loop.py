@@ -190,6 +190,27 @@ def test_settings_that_cannot_train_are_refused():
         OptimizerConfig(weight_decay=-1.0)
 
 
+TRAINERS = {
+    "detector": ["detector", "nowhere"],
+    "thesis detector": ["detector", "nowhere", "--preset", "thesis"],
+    "translator": ["translator"],
+    "transformer": ["translator", "--preset", "thesis"],
+    "fusion": ["fusion"],
+    "thesis fusion": ["fusion", "nowhere", "--preset", "thesis-small"],
+}
+
+
+@pytest.mark.parametrize("trainer", TRAINERS)
+def test_every_trainer_refuses_a_folder_of_other_files_at_its_start(
+    trainer, tmp_path, monkeypatch, capsys
+):
+    (tmp_path / "README.md").write_text("mine")
+    monkeypatch.chdir(tmp_path)
+    assert main(["train", *TRAINERS[trainer], "--out", "."]) == 2
+    assert "The folder . holds other files" in capsys.readouterr().err
+    assert [file.name for file in tmp_path.iterdir()] == ["README.md"]
+
+
 @pytest.mark.parametrize(
     "wrong", [{"average": 2.0}, {"learning_rate": float("nan")}, {"clip": -1.0}, {"steps": 0}]
 )

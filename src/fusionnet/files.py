@@ -3,7 +3,7 @@
 import os
 import shutil
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -28,21 +28,30 @@ def write_whole(file: Path, content: str | bytes) -> None:
         raise OutputError(f"Cannot write {file}: {error.strerror or error}.") from error
 
 
-def check_new_folder(folder: Path) -> None:
+def check_new_folder(folder: Path, ours: Callable[[Path], bool] | None = None) -> None:
     """Fail before any work is done, if `folder` cannot become a new one.
 
+    Args:
+        folder: One that is not there, or holds nothing.
+        ours: Whether a folder that holds files is an earlier one, which may be replaced.
+
     Raises:
-        OutputError: If it is a file, holds files already, or cannot be made.
+        OutputError: If it is a file, holds other files already, or cannot be made.
     """
     try:
         if folder.is_dir():
-            if any(folder.iterdir()):
+            if any(folder.iterdir()) and not (ours and ours(folder)):
                 raise OutputError(
                     f"The folder {folder} holds files already; name a new one, or remove it first."
+                    if ours is None
+                    else f"The folder {folder} holds other files; name a new one, or one that an "
+                    "earlier run wrote."
                 )
         elif folder.exists():
             raise OutputError(f"{folder} is a file; name a folder.")
-        folder.resolve().parent.mkdir(parents=True, exist_ok=True)
+        folder = folder.resolve()
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        os.rmdir(tempfile.mkdtemp(prefix=f".{folder.name}-", dir=folder.parent))
     except OutputError:
         raise
     except OSError as error:
@@ -50,25 +59,45 @@ def check_new_folder(folder: Path) -> None:
 
 
 @contextmanager
-def folder_whole(folder: Path) -> Iterator[Path]:
+def folder_whole(folder: Path, ours: Callable[[Path], bool] | None = None) -> Iterator[Path]:
     """A folder aside that takes the name of a new `folder` when all went well.
 
-    When anything goes wrong nothing is left of it.
+    When anything goes wrong nothing is left of it, and an earlier folder stays as it was.
+
+    Args:
+        folder: One that is not there, or holds nothing.
+        ours: Whether a folder that holds files is an earlier one, which is replaced.
 
     Raises:
-        OutputError: If `folder` holds files already, or it cannot be written.
+        OutputError: If `folder` holds other files already, or it cannot be written.
     """
-    check_new_folder(folder)
+    check_new_folder(folder, ours)
     folder = folder.resolve()
     try:
         aside = Path(tempfile.mkdtemp(prefix=f".{folder.name}-", dir=folder.parent))
         try:
             aside.chmod(0o755)
             yield aside
-            os.replace(aside, folder)  # also onto an empty folder
+            check_new_folder(folder, ours)  # what came meanwhile is not replaced
+            _take_place(aside, folder)
         finally:
             shutil.rmtree(aside, ignore_errors=True)
     except OutputError:
         raise
     except OSError as error:
         raise OutputError(f"Cannot write {folder}: {error.strerror or error}.") from error
+
+
+def _take_place(aside: Path, folder: Path) -> None:
+    """Rename `aside` to `folder`; one that stood there is kept until that is done."""
+    if not folder.exists() or not any(folder.iterdir()):
+        os.replace(aside, folder)
+        return
+    earlier = Path(tempfile.mkdtemp(prefix=f".{folder.name}-earlier-", dir=folder.parent))
+    os.rename(folder, earlier)
+    try:
+        os.rename(aside, folder)
+    except OSError:
+        os.rename(earlier, folder)
+        raise
+    shutil.rmtree(earlier, ignore_errors=True)

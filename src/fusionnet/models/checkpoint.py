@@ -7,9 +7,6 @@ constructor's configuration and whatever the model needs beside its weights
 """
 
 import json
-import os
-import shutil
-import tempfile
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,6 +17,7 @@ from safetensors import SafetensorError
 from safetensors.torch import load_file, save_file
 
 from fusionnet.errors import CheckpointError, OutputError
+from fusionnet.files import check_new_folder, folder_whole
 from fusionnet.models.card import CARD_FILE, model_card
 
 SCHEMA_VERSION = 1
@@ -60,7 +58,7 @@ def save_checkpoint(
     """Write a checkpoint folder with its model card, whole or not at all.
 
     Args:
-        folder: Where to; an existing checkpoint there is replaced.
+        folder: Where to; a checkpoint there is replaced, other files never.
         kind: Name of the model class, checked when it is read again.
         config: Arguments that rebuild the model, as JSON values.
         tensors: The state, by parameter name.
@@ -68,7 +66,7 @@ def save_checkpoint(
         half: Store floating-point tensors in 16 bits, for shipping.
 
     Raises:
-        OutputError: If the folder cannot be written.
+        OutputError: If the folder cannot be written, or holds other files.
     """
     document = {
         "kind": kind,
@@ -81,25 +79,44 @@ def save_checkpoint(
         for name, t in tensors.items()
     }
     try:
-        folder.parent.mkdir(parents=True, exist_ok=True)
-        aside = Path(tempfile.mkdtemp(prefix=f".{folder.name}-", dir=folder.parent))
-        try:
+        with folder_whole(folder, _is_ours) as aside:
             save_file(state, aside / WEIGHTS_FILE)
             (aside / CONFIG_FILE).write_text(json.dumps(document, indent=1) + "\n")
             (aside / CARD_FILE).write_text(model_card(document))
-            files = (WEIGHTS_FILE, CONFIG_FILE, CARD_FILE)
-            for file in files:
-                (aside / file).chmod(0o644)
-            aside.chmod(0o755)
-            if folder.is_dir():
-                for file in files:
-                    os.replace(aside / file, folder / file)
-            else:
-                os.replace(aside, folder)
-        finally:
-            shutil.rmtree(aside, ignore_errors=True)
-    except (OSError, SafetensorError) as error:
+            for file in aside.iterdir():
+                file.chmod(0o644)
+    except SafetensorError as error:
         raise OutputError(f"Cannot write the checkpoint {folder}: {error}") from error
+
+
+def check_checkpoint_folder(folder: Path, work: Path | None = None) -> None:
+    """Fail before any training is done, if `folder` cannot become a checkpoint.
+
+    Args:
+        folder: Where a checkpoint shall be written; an earlier one may be there.
+        work: Where the training keeps other files.
+
+    Raises:
+        OutputError: If it is a file, holds files that are no checkpoint of ours, cannot be made,
+            or would hold `work`.
+    """
+    check_new_folder(folder, _is_ours)
+    if work is not None and work.resolve().is_relative_to(folder.resolve()):
+        raise OutputError(
+            f"The checkpoint's folder {folder} would hold the files of {work}; name another one."
+        )
+
+
+def _is_ours(folder: Path) -> bool:
+    """Whether a folder holds a checkpoint of ours and nothing else."""
+    try:
+        document = read_document(folder)
+    except CheckpointError:
+        return False
+    files = {WEIGHTS_FILE, CONFIG_FILE, CARD_FILE}
+    return {"kind", "schema_version"} <= document.keys() and {
+        file.name for file in folder.iterdir()
+    } <= files
 
 
 def load_checkpoint(folder: Path, kind: str) -> Checkpoint:

@@ -21,7 +21,7 @@ from fusionnet.dataset.folder import read_plan
 from fusionnet.dataset.pictures import EYE_FRAMES, Labels
 from fusionnet.dataset.reader import StoredPictures
 from fusionnet.errors import InputError
-from fusionnet.models.checkpoint import load_checkpoint
+from fusionnet.models.checkpoint import check_checkpoint_folder, load_checkpoint
 from fusionnet.models.detectors import compact
 from fusionnet.models.heads.boxes import Boxes
 from fusionnet.models.heads.camera_pose import PARAMETERS
@@ -123,7 +123,11 @@ def train(config: DetectorConfig, *, progress: Progress | None = None) -> dict[s
 
     Of several processes, one a device, only the first measures and saves; the others return
     nothing.
+
+    Raises:
+        OutputError: If the checkpoint cannot be written.
     """
+    check_checkpoint_folder(config.out, config.work)
     pictures = JoinedPictures([StoredPictures(folder, "train") for folder in config.datasets])
     checked = StoredPictures(config.datasets[0], "sim_val")
     _check_eyes(config)

@@ -23,7 +23,7 @@ from torch import Tensor
 from fusionnet.blocks import Move, layout_to_json, plan
 from fusionnet.corpora import Command, load_corpus
 from fusionnet.errors import InputError
-from fusionnet.models.checkpoint import WEIGHTS_FILE
+from fusionnet.models.checkpoint import WEIGHTS_FILE, check_checkpoint_folder
 from fusionnet.models.fusionnet import FusionNet, compact
 from fusionnet.models.program_pack import PackedPrograms, pack
 from fusionnet.models.retinanet import RetinaNet
@@ -146,6 +146,7 @@ def train(
         CheckpointError: If the reader is missing or damaged.
         OutputError: If the checkpoint cannot be written.
     """
+    check_checkpoint_folder(config.out, config.work)
     torch.set_num_threads(config.threads)
     began = time.monotonic()
     corpus = load_corpus(config.corpus, config.data)

@@ -19,6 +19,7 @@ from fusionnet.dataset.folder import read_plan
 from fusionnet.errors import DataError, InputError
 from fusionnet.models import backbones, detectors
 from fusionnet.models.anchors import AnchorShapes, thesis_anchors
+from fusionnet.models.checkpoint import check_checkpoint_folder
 from fusionnet.models.labelled_boxes import BoxPrecision
 from fusionnet.models.retinanet import BoxBatch, RetinaNet
 from fusionnet.randomness import derived_seed, generator
@@ -116,6 +117,7 @@ def train(config: ThesisDetectorConfig, *, progress: Progress | None = None) -> 
         CheckpointError: If the backbone's weights or a state to resume cannot be used.
         OutputError: If the checkpoint cannot be written.
     """
+    check_checkpoint_folder(config.out, config.work)
     model, weights = new_detector(config)
     frame = model.frame
     pictures = PlacementPictures(config.dataset, "train", frame, crop=config.crop)

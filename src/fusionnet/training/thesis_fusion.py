@@ -19,6 +19,7 @@ from fusionnet.dataset.frame import PictureFrame
 from fusionnet.dataset.reader import StoredSamples
 from fusionnet.errors import DataError
 from fusionnet.models import backbones
+from fusionnet.models.checkpoint import check_checkpoint_folder
 from fusionnet.models.target_text import Writes
 from fusionnet.models.thesis_fusion_config import thesis
 from fusionnet.models.thesis_fusionnet import FusionBatch, ThesisFusionNet
@@ -45,6 +46,7 @@ def train(config: ThesisFusionConfig, *, progress: Progress | None = None) -> di
         CheckpointError: If weights to begin with, or a state to resume, cannot be used.
         OutputError: If the checkpoint cannot be written.
     """
+    check_checkpoint_folder(config.out, config.work)
     model, history, measured = run(config, progress=progress)
     if not is_first_process():
         return {}

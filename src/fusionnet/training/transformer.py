@@ -19,6 +19,7 @@ from torch.nn.functional import cross_entropy
 
 from fusionnet.corpora import Command, load_corpus
 from fusionnet.errors import DataError, InputError
+from fusionnet.models.checkpoint import check_checkpoint_folder
 from fusionnet.models.target_text import END, START, Writes, target_tokens
 from fusionnet.models.transformer import Transformer
 from fusionnet.models.transformer_network import TransformerNetwork, number_rows, thesis
@@ -151,6 +152,7 @@ def train(config: ThesisTranslatorConfig, *, progress: Progress | None = None) -
         DataError: If there is nothing to learn from.
         OutputError: If the checkpoint cannot be written.
     """
+    check_checkpoint_folder(config.out, config.work)
     corpus = load_corpus(config.corpus, config.data)
     checked = commands_of(corpus, config.check)
     kept_apart = {command.id for command in checked}

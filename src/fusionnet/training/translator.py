@@ -21,6 +21,7 @@ from torch.nn.functional import cross_entropy
 
 from fusionnet.corpora import Command, load_corpus, synthetic
 from fusionnet.errors import DataError
+from fusionnet.models.checkpoint import check_checkpoint_folder
 from fusionnet.models.lexicon import Lexicon
 from fusionnet.models.sentence_reader import SentenceReader
 from fusionnet.models.translator import Translator
@@ -129,7 +130,11 @@ def train(config: TranslatorConfig, *, progress: Progress | None = None) -> dict
 
     Of several processes, one a device, only the first measures and saves; the others return
     nothing.
+
+    Raises:
+        OutputError: If the checkpoint cannot be written.
     """
+    check_checkpoint_folder(config.out, config.work)
     corpus = load_corpus(config.corpus, config.data)
     checked = commands_of(corpus, config.check)
     kept_apart = {command.id for command in checked}
