@@ -522,7 +522,7 @@ def test_any_folder_in_the_treebank_s_form_is_measured_with_or_without_noise(tmp
     )
     assert noisy["left_out"] == {"unreadable": 1} and noisy["n"] == 12
     assert noisy["cross_entropy"] > clean["cross_entropy"]
-    with pytest.raises(InputError, match="1 to 8 perturbations"):
+    with pytest.raises(InputError, match="perturbations from 0 to 8"):
         evaluate(TranslationEvaluation(corpus="examples", split="all", perturbations=9))
 
 

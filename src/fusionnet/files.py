@@ -28,6 +28,21 @@ def write_whole(file: Path, content: str | bytes) -> None:
         raise OutputError(f"Cannot write {file}: {error.strerror or error}.") from error
 
 
+def check_folder(folder: Path) -> None:
+    """Fail before any work is done, if files could not be written into a folder, new or not.
+
+    Raises:
+        OutputError: If a file is in its way, or it may not be written.
+    """
+    there = folder.resolve()
+    while not there.exists():
+        there = there.parent
+    if not there.is_dir():
+        raise OutputError(f"{there} is a file; {folder} has to be a folder.")
+    if not os.access(there, os.W_OK | os.X_OK):
+        raise OutputError(f"Cannot write into {there}: not allowed.")
+
+
 def check_new_folder(folder: Path, ours: Callable[[Path], bool] | None = None) -> None:
     """Fail before any work is done, if `folder` cannot become a new one.
 

@@ -1,8 +1,6 @@
 """`fusionnet corpus stats|export|vectors`: what is in a corpus, as tables, files and vectors."""
 
 import json
-import os
-import tempfile
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -15,7 +13,8 @@ from rich.table import Table
 from fusionnet.apps.corpus_source import CorpusSource, read_corpus
 from fusionnet.apps.progress import bars
 from fusionnet.corpora import json_lines, treebank_files
-from fusionnet.errors import InputError, OutputError
+from fusionnet.errors import InputError
+from fusionnet.files import folder_whole, write_whole
 from fusionnet.sentences.corpus_statistics import statistics
 from fusionnet.sentences.word_vectors import (
     WordVectorConfig,
@@ -97,9 +96,11 @@ def export(config: ExportConfig) -> dict[str, Any]:
     if config.out.exists():
         raise InputError(f"{config.out} is there already; name a new file or folder (--out).")
     if config.form == "json":
-        _write(config.out, json_lines(corpus))
+        write_whole(config.out, json_lines(corpus))
     else:
-        _write_folder(config.out, treebank_files(corpus))
+        with folder_whole(config.out) as aside:
+            for name, text in treebank_files(corpus).items():
+                write_whole(aside / name, text)
     return {
         "corpus": corpus.name,
         "commands": len(corpus.commands),
@@ -154,31 +155,3 @@ def _values(kind: str, parts: Mapping[str, Any], title: str | None = None) -> Ta
 
 def _print(console: Console, table: Table) -> None:
     console.print(table, soft_wrap=not console.is_terminal)
-
-
-def _write(file: Path, text: str) -> None:
-    """Write a file aside and give it its name once it is whole."""
-    try:
-        handle, aside = tempfile.mkstemp(dir=file.parent, prefix=f".{file.name}.")
-        try:
-            with os.fdopen(handle, "w", encoding="utf-8", newline="\n") as opened:
-                opened.write(text)
-            os.replace(aside, file)
-        except BaseException:
-            os.unlink(aside)
-            raise
-    except OSError as error:
-        raise OutputError(f"Cannot write {file}: {error.strerror or error}.") from None
-
-
-def _write_folder(folder: Path, files: Mapping[str, str]) -> None:
-    """Write a new folder aside and give it its name once it is whole."""
-    try:
-        with tempfile.TemporaryDirectory(dir=folder.parent, prefix=f".{folder.name}.") as aside:
-            whole = Path(aside) / folder.name
-            whole.mkdir()
-            for name, text in files.items():
-                (whole / name).write_text(text, encoding="utf-8", newline="\n")
-            os.rename(whole, folder)
-    except OSError as error:
-        raise OutputError(f"Cannot write {folder}: {error.strerror or error}.") from None

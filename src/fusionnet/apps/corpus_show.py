@@ -16,7 +16,8 @@ from fusionnet.apps.corpus_source import CorpusSource, read_corpus
 from fusionnet.apps.tree_text import tree_text
 from fusionnet.blocks import Move, move_between, plan
 from fusionnet.corpora import Command, Corpus, command_as_json
-from fusionnet.errors import InputError, OutputError, PlanningError, UnknownNameError
+from fusionnet.errors import InputError, PlanningError, UnknownNameError
+from fusionnet.files import write_whole
 from fusionnet.randomness import generator
 from fusionnet.sentences import Perturbed, variants
 
@@ -124,10 +125,7 @@ def _draw(command: Command, move: Move | None, file: Path) -> None:
     if file.suffix != ".svg":
         raise InputError(f"A picture of a scene is an .svg file, not {file.name!r}.")
     scene = command.scene
-    try:
-        file.write_text(boards_svg(scene.before, scene.after, move), encoding="utf-8")
-    except OSError as error:
-        raise OutputError(f"Cannot write {file}: {error.strerror or error}.") from error
+    write_whole(file, boards_svg(scene.before, scene.after, move))
 
 
 def _as_json(command: Command, move: Move | None, noised: tuple[Perturbed, ...]) -> dict[str, Any]:

@@ -23,7 +23,7 @@ from fusionnet.apps.setting import setting_of
 from fusionnet.apps.tree_drawing import draw_tree
 from fusionnet.apps.tree_text import tree_text
 from fusionnet.blocks import Layout
-from fusionnet.errors import InputError, NotUnderstoodError, OutputError, PlanningError
+from fusionnet.errors import InputError, NotUnderstoodError, PlanningError
 from fusionnet.models.grounded_reading import GroundedReading, grounded
 from fusionnet.models.reading import Reading
 from fusionnet.models.sentence_reader import SentenceReader
@@ -182,10 +182,7 @@ def _chunks(lines: Iterable[str]) -> Iterator[list[str]]:
 
 
 def _draw(reading: Reading, sentence: str, file: Path) -> None:
-    try:
-        draw_tree(reading.tree, [token.text for token in tokenize(sentence)], file)
-    except OSError as error:
-        raise OutputError(f"Cannot write {file}: {error}") from error
+    draw_tree(reading.tree, [token.text for token in tokenize(sentence)], file)
 
 
 def _reading(reading: Reading) -> dict[str, Any]:

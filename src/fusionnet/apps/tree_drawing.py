@@ -4,6 +4,7 @@ Every leaf and every word has a column of its own; a leaf stands above its words
 and what no word says stands above a gap.
 """
 
+import io
 import warnings
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -12,6 +13,7 @@ from typing import Any
 
 from fusionnet import rcl
 from fusionnet.apps.drawing import PAINT, hexadecimal, ink_on
+from fusionnet.files import write_whole
 
 INK, SOFT, LINE, PAPER = "#1d2430", "#667085", "#98a2b3", "#fefefe"
 """The colours of text, small text, edges and background; a page may replace them."""
@@ -89,6 +91,9 @@ def draw_tree(tree: rcl.Tree, words: Sequence[str], *files: Path) -> None:
         tree: What the sentence means.
         words: The tokens that the tree's word positions count, from the first.
         files: Where to.
+
+    Raises:
+        OutputError: If a file cannot be written.
     """
     import matplotlib
 
@@ -126,7 +131,9 @@ def draw_tree(tree: rcl.Tree, words: Sequence[str], *files: Path) -> None:
                 )
             for file in files:
                 metadata = {"Date": None} if file.suffix == ".svg" else None
-                figure.savefig(file, dpi=150, metadata=metadata)
+                drawn = io.BytesIO()
+                figure.savefig(drawn, format=file.suffix[1:], dpi=150, metadata=metadata)
+                write_whole(file, drawn.getvalue())
         finally:
             pyplot.close(figure)
 

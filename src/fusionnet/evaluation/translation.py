@@ -51,6 +51,14 @@ class TranslationEvaluation:
     perturbations: int = 0
     failures: int = 0
 
+    def __post_init__(self) -> None:
+        """Refuse what cannot be measured."""
+        if not (1 <= self.beam <= 100 and 0 <= self.perturbations <= 8 and self.failures >= 0):
+            raise InputError(
+                "beam goes from 1 to 100, perturbations from 0 to 8, failures from 0; received "
+                f"{self.beam}, {self.perturbations} and {self.failures}."
+            )
+
 
 def evaluate(config: TranslationEvaluation) -> dict[str, Any]:
     """Measure a translator on a split of a corpus.

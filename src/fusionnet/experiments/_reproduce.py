@@ -10,6 +10,7 @@ from fusionnet.experiments._experiment import Experiment, Progress, Variant
 from fusionnet.experiments._records import Record, record_file
 from fusionnet.experiments._runner import Plan, run_trial, trial_of
 from fusionnet.experiments._search import forget_study, judged_by, search_variants
+from fusionnet.files import check_folder
 
 Report = Callable[[int, int], None]
 
@@ -35,6 +36,8 @@ def reproduce(
             command that makes it.
         OutputError: If a record cannot be written.
     """
+    check_folder(plan.results)
+    check_folder(plan.work)
     seeds = range(plan.seeds or experiment.seeds[plan.scale])
     variants = _chosen(experiment, plan)
     searched = experiment.search is not None and not plan.only

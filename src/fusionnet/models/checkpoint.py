@@ -17,7 +17,7 @@ from safetensors import SafetensorError
 from safetensors.torch import load_file, save_file
 
 from fusionnet.errors import CheckpointError, OutputError
-from fusionnet.files import check_new_folder, folder_whole
+from fusionnet.files import check_folder, check_new_folder, folder_whole
 from fusionnet.models.card import CARD_FILE, model_card
 
 SCHEMA_VERSION = 1
@@ -98,10 +98,13 @@ def check_checkpoint_folder(folder: Path, work: Path | None = None) -> None:
 
     Raises:
         OutputError: If it is a file, holds files that are no checkpoint of ours, cannot be made,
-            or would hold `work`.
+            or would hold `work`, or if nothing can be written into `work`.
     """
     check_new_folder(folder, _is_ours)
-    if work is not None and work.resolve().is_relative_to(folder.resolve()):
+    if work is None:
+        return
+    check_folder(work)
+    if work.resolve().is_relative_to(folder.resolve()):
         raise OutputError(
             f"The checkpoint's folder {folder} would hold the files of {work}; name another one."
         )

@@ -109,8 +109,7 @@ class SentenceReader(ABC):
             NotUnderstoodError: If it is empty, too long, or no command in English;
                 the message says which words are not known.
         """
-        if not (1 <= beam <= 100 and 1 <= count):
-            raise InputError(f"A beam is 1 to 100 wide, a count at least 1; got {beam}, {count}.")
+        _check_search(beam, count)
         return self._cached(sentence, holding, beam, count)
 
     def translate_many(
@@ -124,7 +123,11 @@ class SentenceReader(ABC):
         """The readings of many sentences, or why one has none; together they take less time.
 
         Sentences of like length are read together, and what is said twice is read once.
+
+        Raises:
+            InputError: If `beam` or `count` is out of range.
         """
+        _check_search(beam, count)
         found: dict[str, tuple[Reading, ...] | NotUnderstoodError] = {}
         readable: list[tuple[str, Words]] = []
         for sentence in dict.fromkeys(sentences):
@@ -160,3 +163,8 @@ class SentenceReader(ABC):
             NotUnderstoodError: See `refuse_what_is_no_command`.
         """
         refuse_what_is_no_command(sentence, words, readings, self.known, self.lexicon)
+
+
+def _check_search(beam: int, count: int) -> None:
+    if not (1 <= beam <= 100 and 1 <= count):
+        raise InputError(f"A beam is 1 to 100 wide, a count at least 1; got {beam}, {count}.")

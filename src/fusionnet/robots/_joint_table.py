@@ -8,7 +8,7 @@ its projected posture by Newton steps of least norm, which hits the targets and 
 The polynomials are quadratic at first, which carries the free joints far, and cubic at last.
 """
 
-import os
+import io
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import product
@@ -17,7 +17,8 @@ import numpy as np
 from jaxtyping import Float
 
 from fusionnet.blocks.grid import GRID, Cell
-from fusionnet.errors import OutputError, UnreachableError
+from fusionnet.errors import UnreachableError
+from fusionnet.files import write_whole
 from fusionnet.robots._kinematics import ArmKinematics
 from fusionnet.robots._robot import Robot
 
@@ -86,13 +87,9 @@ def save_joint_table(robot: Robot, table: Float[np.ndarray, "8 8 8 n"]) -> None:
     Raises:
         OutputError: If the folder cannot be written.
     """
-    aside = robot.joint_table_file.with_suffix(".part")
-    try:
-        with open(aside, "wb") as file:
-            np.save(file, np.round(table, 7), allow_pickle=False)
-        os.replace(aside, robot.joint_table_file)
-    except OSError as error:
-        raise OutputError(f"Cannot write {robot.joint_table_file}: {error}.") from error
+    stream = io.BytesIO()
+    np.save(stream, np.round(table, 7), allow_pickle=False)
+    write_whole(robot.joint_table_file, stream.getvalue())
 
 
 def measure_joint_table(robot: Robot, table: Float[np.ndarray, "8 8 8 n"]) -> TableQuality:

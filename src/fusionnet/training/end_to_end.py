@@ -25,7 +25,7 @@ from torch.nn.functional import binary_cross_entropy, mse_loss
 from fusionnet.blocks import EMPTY
 from fusionnet.dataset.folder import read_plan
 from fusionnet.errors import DataError, InputError
-from fusionnet.files import check_new_folder, folder_whole
+from fusionnet.files import check_folder, check_new_folder, folder_whole
 from fusionnet.models.end_to_end import EndToEnd, Taught
 from fusionnet.models.fusionnet import FusionNet
 from fusionnet.models.policy_folder import weights_folder, write_policy_card
@@ -182,6 +182,7 @@ def train(config: EndToEndConfig, *, progress: Progress | None = None) -> dict[s
         OutputError: If the policy cannot be written.
     """
     check_new_folder(config.out)
+    check_folder(config.work)
     learnt, checked = EyeCommands(config.dataset, "train"), EyeCommands(config.dataset, "sim_val")
     model, before, measured = run(config, learnt, checked, progress=progress)
     if not is_first_process():

@@ -106,9 +106,10 @@ class FusionConfig:
 
     def __post_init__(self) -> None:
         """Refuse values that cannot train."""
-        if self.batch < 1 or self.threads < 1:
+        if min(self.batch, self.threads, self.pictures) < 1:
             raise InputError(
-                f"batch and threads must be at least 1, not {self.batch} and {self.threads}."
+                "batch, threads and pictures are at least 1; received "
+                f"{self.batch}, {self.threads} and {self.pictures}."
             )
         if not (0 <= self.exact <= 1 and 0 <= self.read_share <= 1):
             raise InputError("exact and read_share are shares: they go from 0 to 1.")

@@ -17,7 +17,7 @@ from fusionnet.corpora import load_corpus
 from fusionnet.dataset.build import build, plan_for
 from fusionnet.dataset.sources import Sources
 from fusionnet.errors import CheckpointError, InputError
-from fusionnet.files import check_new_folder, folder_whole, write_whole
+from fusionnet.files import check_folder, check_new_folder, folder_whole, write_whole
 from fusionnet.models.checkpoint import CONFIG_FILE, read_document
 from fusionnet.models.policy_folder import write_policy_card
 from fusionnet.randomness import derived_seed
@@ -113,6 +113,7 @@ def train(config: PolicyConfig, bars: Bars) -> dict[str, Any]:
         OutputError: If something cannot be written, or `out` holds files already.
     """
     check_new_folder(config.out)
+    check_folder(config.work)
     if not load_corpus(config.corpus, config.data).split("train"):
         raise InputError(f"The corpus {config.corpus!r} has no training groups to learn from.")
     _same_settings(config)

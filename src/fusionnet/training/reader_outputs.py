@@ -10,7 +10,7 @@ One `.npz` without pickles:
 `collect_reader_outputs` renders such pictures from layouts of training groups.
 """
 
-import os
+import io
 import zipfile
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -22,7 +22,8 @@ from jaxtyping import Float, Integer
 from fusionnet.blocks import Layout
 from fusionnet.blocks.plausibility import CELLS, CLASSES, layout_from_classes
 from fusionnet.dataset.layouts import varied_layout
-from fusionnet.errors import DataError, OutputError
+from fusionnet.errors import DataError
+from fusionnet.files import write_whole
 from fusionnet.models.retinanet import RetinaNet
 from fusionnet.randomness import generator
 from fusionnet.simulation import Appearance, SceneRenderer
@@ -71,21 +72,15 @@ def save_reader_outputs(
         OutputError: If the file cannot be written.
     """
     cells, held = cells_of(layouts)
-    aside = file.with_name(f".{file.name}.part")
-    try:
-        file.parent.mkdir(parents=True, exist_ok=True)
-        with aside.open("wb") as stream:
-            np.savez(
-                stream,
-                occupancy=occupancy.reshape(-1, CELLS, CLASSES + 1).astype(np.float16),
-                holding=holding.astype(np.float16),
-                cells=cells.reshape(-1, CELLS).astype(np.uint8),
-                held=held.astype(np.int16),
-            )
-        os.replace(aside, file)
-    except OSError as error:
-        aside.unlink(missing_ok=True)
-        raise OutputError(f"Cannot write the readings {file}: {error}") from error
+    stream = io.BytesIO()
+    np.savez(
+        stream,
+        occupancy=occupancy.reshape(-1, CELLS, CLASSES + 1).astype(np.float16),
+        holding=holding.astype(np.float16),
+        cells=cells.reshape(-1, CELLS).astype(np.uint8),
+        held=held.astype(np.int16),
+    )
+    write_whole(file, stream.getvalue())
 
 
 def collect_reader_outputs(

@@ -8,10 +8,11 @@ truly it does not do.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 
 import numpy as np
 
+from fusionnet.errors import InputError
 from fusionnet.rcl import Relation
 from fusionnet.sentences.phrases import OPENINGS, SYNONYMS
 from fusionnet.training.aligned_sentences import AlignedSentence, entity_parts
@@ -89,6 +90,12 @@ class AugmentationConfig:
     joined: float = 0.03
     moved: float = 0.06
     unsure: float = 0.15
+
+    def __post_init__(self) -> None:
+        """Refuse what is no probability."""
+        for name, value in asdict(self).items():
+            if not 0 <= value <= 1:
+                raise InputError(f"augmentation.{name} goes from 0 to 1; received {value}.")
 
 
 class Augmenter:

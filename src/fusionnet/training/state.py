@@ -15,7 +15,7 @@ import torch
 from safetensors import SafetensorError, safe_open
 from safetensors.torch import save_file
 
-from fusionnet.errors import CheckpointError
+from fusionnet.errors import CheckpointError, OutputError
 
 STATE_FILE = "state.safetensors"
 
@@ -43,6 +43,9 @@ def save_state(
         optimizer: Its moments.
         average: Moving average of the parameters, by name.
         memory: What else the loop remembers, as JSON values.
+
+    Raises:
+        OutputError: If it cannot be written; what was there before is still there.
     """
     tensors = {f"model.{n}": t for n, t in model.state_dict().items()}
     tensors |= {f"average.{n}": t for n, t in average.items()}
@@ -50,11 +53,14 @@ def save_state(
         for key, value in optimizer.state.get(parameter, {}).items():
             if value is not None:
                 tensors[f"optimizer.{index}.{key}"] = torch.as_tensor(value)
-    folder.mkdir(parents=True, exist_ok=True)
-    aside = folder / f".{STATE_FILE}.part"
     state = {n: t.detach().cpu().clone().contiguous() for n, t in tensors.items()}
-    save_file(state, aside, metadata={"step": str(step), "memory": json.dumps(memory)})
-    os.replace(aside, folder / STATE_FILE)
+    aside = folder / f".{STATE_FILE}.part"  # straight to disk, without the bytes in memory besides
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        save_file(state, aside, metadata={"step": str(step), "memory": json.dumps(memory)})
+        os.replace(aside, folder / STATE_FILE)
+    except (OSError, SafetensorError) as error:
+        raise OutputError(f"Cannot write the state of a run to {folder}: {error}.") from error
 
 
 def load_state(

@@ -20,7 +20,7 @@ from torch import Tensor
 from torch.nn.functional import cross_entropy
 
 from fusionnet.corpora import Command, load_corpus, synthetic
-from fusionnet.errors import DataError
+from fusionnet.errors import DataError, InputError
 from fusionnet.models.checkpoint import check_checkpoint_folder
 from fusionnet.models.lexicon import Lexicon
 from fusionnet.models.sentence_reader import SentenceReader
@@ -96,6 +96,20 @@ class TranslatorConfig:
     )
     half: bool = True
     seed: int = 0
+
+    def __post_init__(self) -> None:
+        """Refuse values that cannot train."""
+        if self.batch < 1 or self.invented < 0:
+            raise InputError(
+                "batch is at least 1, invented at least 0; received "
+                f"{self.batch} and {self.invented}."
+            )
+        shares = (self.invented_share, self.rare, self.unknown_words, self.smoothing)
+        if not all(0 <= share <= 1 for share in shares):
+            raise InputError(
+                "invented_share, rare, unknown_words and smoothing go from 0 to 1; received "
+                f"{', '.join(map(str, shares))}."
+            )
 
 
 @dataclass(frozen=True)
