@@ -26,7 +26,8 @@ import tyro
 from transformers import MarianConfig, MarianMTModel
 
 from fusionnet.models.beam_search import Alphabet, decode
-from fusionnet.models.transformer_network import TransformerNetwork, thesis
+from fusionnet.models.transformer_config import thesis
+from fusionnet.models.transformer_network import TransformerNetwork
 from fusionnet.provenance import provenance
 
 SOURCE_WORDS, TARGET_WORDS = 1200, 90

@@ -20,13 +20,8 @@ from fusionnet.errors import CheckpointError, DataError, InputError, NotUndersto
 from fusionnet.evaluation.translation import TranslationEvaluation, evaluate
 from fusionnet.models.target_text import text_of
 from fusionnet.models.transformer import END, START, Transformer
-from fusionnet.models.transformer_network import (
-    TransformerConfig,
-    TransformerNetwork,
-    base,
-    positions,
-    thesis,
-)
+from fusionnet.models.transformer_config import TransformerConfig, base, thesis
+from fusionnet.models.transformer_network import TransformerNetwork, positions
 from fusionnet.models.translators import load_translator
 from fusionnet.rcl import format, parse
 from fusionnet.sentences import PADDING, UNKNOWN, tokenize

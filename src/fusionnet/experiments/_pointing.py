@@ -23,11 +23,8 @@ from fusionnet.blocks import EMPTY, GRID
 from fusionnet.experiments._pointing_task import CELLS, LEVELS, PointingSet
 from fusionnet.models.heads.camera_pose import sample
 from fusionnet.models.target_text import END, START
-from fusionnet.models.transformer_network import (
-    TransformerConfig,
-    TransformerNetwork,
-    number_rows,
-)
+from fusionnet.models.transformer_config import TransformerConfig
+from fusionnet.models.transformer_network import TransformerNetwork, number_rows
 from fusionnet.randomness import generator
 from fusionnet.sentences import PADDING, Vocabulary
 

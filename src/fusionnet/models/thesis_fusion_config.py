@@ -12,7 +12,7 @@ from fusionnet.models.anchors import AnchorShapes, thesis_anchors
 from fusionnet.models.detectors import RetinaNetConfig
 from fusionnet.models.pyramid import level_strides
 from fusionnet.models.target_text import Writes
-from fusionnet.models.transformer_network import TransformerConfig, transformer_config
+from fusionnet.models.transformer_config import TransformerConfig, transformer_config
 
 JOINTS = "joints"
 THESIS_HEADS = ("boxes", "classes", "tree", JOINTS)

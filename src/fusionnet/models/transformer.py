@@ -26,11 +26,8 @@ from fusionnet.models.checkpoint import load_checkpoint, restore, save_checkpoin
 from fusionnet.models.reading import Reading
 from fusionnet.models.sentence_reader import SentenceReader
 from fusionnet.models.target_text import END, START, Writes, target_tokens, written_tree
-from fusionnet.models.transformer_network import (
-    TransformerNetwork,
-    number_rows,
-    transformer_config,
-)
+from fusionnet.models.transformer_config import transformer_config
+from fusionnet.models.transformer_network import TransformerNetwork, number_rows
 from fusionnet.rcl import Tree, format
 from fusionnet.sentences import PADDING, UNKNOWN, Vocabulary, Words, readable_words, tokenize
 

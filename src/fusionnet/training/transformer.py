@@ -22,7 +22,8 @@ from fusionnet.errors import DataError, InputError
 from fusionnet.models.checkpoint import check_checkpoint_folder
 from fusionnet.models.target_text import END, START, Writes, target_tokens
 from fusionnet.models.transformer import Transformer
-from fusionnet.models.transformer_network import TransformerNetwork, number_rows, thesis
+from fusionnet.models.transformer_config import thesis
+from fusionnet.models.transformer_network import TransformerNetwork, number_rows
 from fusionnet.randomness import derived_seed, generator
 from fusionnet.rcl import format
 from fusionnet.sentences import PADDING, Vocabulary, tokenize, variants, words_of
