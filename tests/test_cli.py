@@ -188,7 +188,7 @@ def test_help_needs_no_torch_and_half_a_second() -> None:
         ("run hello --seed x", "--seed: expected INT, got 'x'."),
         ("run hello --seed", "Missing value for argument '--seed'. Expected 1 values."),
         ("run hello --eyes third", "Invalid choice 'third' for argument '--eyes'."),
-        ("train fusion --batch 0", "batch and threads must be at least 1, not 0 and 1."),
+        ("train fusion --batch 0", "batch, threads and pictures are at least 1; received 0"),
         ("train detector", "At least one data set"),
         ("corpus show one", "expected INT, got 'one'."),
     ],

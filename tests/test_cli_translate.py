@@ -121,7 +121,7 @@ def test_standard_input_may_hold_any_bytes_and_speak_of_a_scene(capsys, monkeypa
         (["pick up the cube", "--checkpoint", "nowhere"], "No checkpoint"),
         (["pick up the cube", "--picture", "tree.bmp"], ".png or .svg"),
         (["pick up the cube", "--attention", "map"], ".png or .svg"),
-        (["pick up the cube", "--picture", "no/such/folder/tree.png"], "Cannot write"),
+        (["pick up the cube", "--picture", "/dev/null/tree.png"], "Cannot write"),
     ],
 )
 def test_bad_input_gets_one_line_and_status_two(words, reason, capsys) -> None:
