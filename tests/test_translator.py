@@ -50,7 +50,13 @@ from fusionnet.models.tree_symbols import (
 from fusionnet.rcl import Color, describe, format, parse
 from fusionnet.sentences import Vocabulary, edits, words_of
 from fusionnet.sentences.phrases import COLOR_PHRASES
-from fusionnet.training.aligned_sentences import AlignedSentence, aligned, entity_parts
+from fusionnet.training.aligned_sentences import (
+    DROP,
+    AlignedSentence,
+    aligned,
+    describes_what_is_dropped,
+    entity_parts,
+)
 from fusionnet.training.loop import LoopConfig, fit
 from fusionnet.training.optimizers import OptimizerConfig
 from fusionnet.training.phrase_book import Pool
@@ -343,6 +349,27 @@ def test_augmented_sentences_are_whole(treebank):
     assert len(set(changed)) > 60
     colors = Counter(n for s in changed for n in s.symbols if n.startswith("color:"))
     assert len(colors) == 8
+
+
+def test_trees_that_describe_what_is_dropped_are_told(treebank):
+    told = [a for c in treebank.commands if (a := aligned(c)) and describes_what_is_dropped(a)]
+    assert len(told) == 2
+    assert all(s.symbols[0] == DROP and s.holding for s in told)
+
+
+def test_what_is_dropped_is_never_described_by_its_place():
+    """In "drop the cube on the red block" the red block is where to, not which cube."""
+    config = AugmentationConfig(unchanged=0.0, entities=0.3, cores=0.0, grafts=1.0, prunings=0.0)
+    augment = Augmenter(SENTENCES, config)
+    rng = np.random.default_rng(0)
+    described = 0
+    for sentence in SENTENCES * 30:
+        changed = augment(sentence, rng)
+        assert not describes_what_is_dropped(changed)
+        for part in entity_parts(changed.symbols):
+            described += part.role == "event" and part.end > part.head + 1
+    assert described > 0
+    assert any(p.role == DROP for s in SENTENCES for p in entity_parts(s.symbols))
 
 
 # --- network and decoding ------------------------------------------------------------------

@@ -15,7 +15,7 @@ import numpy as np
 from fusionnet.errors import InputError
 from fusionnet.rcl import Relation
 from fusionnet.sentences.phrases import OPENINGS, SYNONYMS
-from fusionnet.training.aligned_sentences import AlignedSentence, entity_parts
+from fusionnet.training.aligned_sentences import DROP, AlignedSentence, entity_parts
 from fusionnet.training.phrase_book import PhraseBook, Pool, phrase_context
 from fusionnet.training.sentence_edits import (
     mirrored,
@@ -54,7 +54,7 @@ class AugmentationConfig:
         colors: That its colours are permuted.
         entities: That an entity is swapped for another of its context, each.
         cores: That a block's core is swapped for another, each.
-        grafts: That a block without a modifier gets one, each.
+        grafts: That a block without a modifier gets one, each; never one that is dropped.
         prunings: That a block with a modifier loses it, each.
         evenness: How much more often rare forms are drawn than they are found, 0 to 1.
         phrases: That a phrase is replaced by another that means the same, each.
@@ -150,7 +150,9 @@ class Augmenter:
                 place = modifier(sentence, part)
                 if place is not None and taken(sentence, place) is not None:
                     sentence = exchanged(sentence, place, NOTHING)
-            elif block and part.end == part.head + 1 and chances[2] < c.grafts:
+            elif (
+                block and part.role != DROP and part.end == part.head + 1 and chances[2] < c.grafts
+            ):
                 pool = self.book.modifiers.get(part.in_destination)
                 sentence = self._exchange(sentence, modifier(sentence, part), pool, rng)
         return sentence

@@ -37,7 +37,11 @@ from fusionnet.models.tree_symbols import END, NUMBERS, PADDING, START
 from fusionnet.randomness import derived_seed, generator
 from fusionnet.sentences import UNKNOWN, Vocabulary
 from fusionnet.sentences.phrases import COLOR_PHRASES, NUMBER_WORDS, OPENINGS, SYNONYMS
-from fusionnet.training.aligned_sentences import AlignedSentence, aligned_all
+from fusionnet.training.aligned_sentences import (
+    AlignedSentence,
+    aligned_all,
+    describes_what_is_dropped,
+)
 from fusionnet.training.loop import LoopConfig, Progress, fit, is_first_process
 from fusionnet.training.sentence_augmentation import AugmentationConfig, Augmenter
 from fusionnet.training.splits import Split, commands_of
@@ -153,7 +157,7 @@ def train(config: TranslatorConfig, *, progress: Progress | None = None) -> dict
     checked = commands_of(corpus, config.check)
     kept_apart = {command.id for command in checked}
     learnt = [c for c in commands_of(corpus, config.learn) if c.id not in kept_apart]
-    sentences = aligned_all(learnt)
+    sentences = [s for s in aligned_all(learnt) if not describes_what_is_dropped(s)]
     if not sentences:
         raise DataError(f"The corpus {config.corpus!r} has no commands in {config.learn} to learn.")
     invented = aligned_all(islice(synthetic.commands(SYNTHETIC_SEED), config.invented))
