@@ -67,6 +67,7 @@ from fusionnet.training.sentence_edits import (
     recolored,
     relocated,
     renumbered,
+    set_beside,
     with_pronoun,
 )
 from fusionnet.training.sentence_pieces import (
@@ -261,6 +262,17 @@ def test_mirroring_twice_changes_nothing():
     for sentence in SENTENCES:
         assert mirrored(mirrored(sentence)) == sentence
     assert spoken(mirrored(SENTENCES[1]))["relation:left"] == "left"
+
+
+def test_a_block_is_set_beside_another_one():
+    changed = set_beside(SENTENCES[2], ("next", "to"))
+    check_whole(changed)
+    said = "take the green block and put it next to the white gray tower"
+    assert " ".join(changed.words) == said
+    assert spoken(changed)["relation:adjacent"] == "next"
+    assert spoken(changed)["color:white"] == "white"
+    for sentence in (SENTENCES[0], SENTENCES[1]):  # no destination, a measured one
+        assert set_beside(sentence, ("beside",)) is sentence
 
 
 def test_renumbering_counts_tiles_in_the_right_number():

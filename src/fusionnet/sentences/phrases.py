@@ -106,6 +106,9 @@ VERBS = frozenset(
 )
 """Words that ask for an action."""
 
+BESIDE = ("next to", "next to", "next to", "beside", "alongside", "adjacent to")
+"""Where a block is put that stands at another's side; the first word says so."""
+
 OPENINGS = (
     "please",
     "now",

@@ -14,7 +14,7 @@ import numpy as np
 
 from fusionnet.errors import InputError
 from fusionnet.rcl import Relation
-from fusionnet.sentences.phrases import OPENINGS, SYNONYMS
+from fusionnet.sentences.phrases import BESIDE, OPENINGS, SYNONYMS
 from fusionnet.training.aligned_sentences import DROP, AlignedSentence, entity_parts
 from fusionnet.training.phrase_book import PhraseBook, Pool, phrase_context
 from fusionnet.training.sentence_edits import (
@@ -24,6 +24,7 @@ from fusionnet.training.sentence_edits import (
     recolored,
     relocated,
     renumbered,
+    set_beside,
     with_pronoun,
 )
 from fusionnet.training.sentence_pieces import (
@@ -59,6 +60,7 @@ class AugmentationConfig:
         evenness: How much more often rare forms are drawn than they are found, 0 to 1.
         phrases: That a phrase is replaced by another that means the same, each.
         directions: That a relation is replaced by another one, each.
+        beside: That a block is put next to the other one instead of upon it.
         numbers: That a number is changed, each.
         mirror: That left and right are exchanged.
         synonyms: That a word is replaced from our own list of synonyms, each.
@@ -80,6 +82,7 @@ class AugmentationConfig:
     evenness: float = 0.5
     phrases: float = 0.15
     directions: float = 0.04
+    beside: float = 0.02
     numbers: float = 0.3
     mirror: float = 0.25
     synonyms: float = 0.05
@@ -118,6 +121,8 @@ class Augmenter:
             if rng.random() < c.mirror:
                 sentence = mirrored(sentence)
             sentence = self._change_phrases(sentence, rng)
+            if rng.random() < c.beside:
+                sentence = set_beside(sentence, BESIDE[rng.integers(len(BESIDE))].split())
             if rng.random() < c.colors:
                 sentence = recolored(sentence, rng)
             sentence = self._drop_fillers(sentence, rng)

@@ -1,11 +1,14 @@
 """Single changes to aligned sentences, each true to words and tree alike."""
 
+from collections.abc import Sequence
+
 import numpy as np
 
-from fusionnet.rcl import Color
+from fusionnet.models.tree_symbols import DESTINATION
+from fusionnet.rcl import Color, Relation
 from fusionnet.sentences.phrases import COLOR_PHRASES, NUMBER_WORDS, singular_or_plural
 from fusionnet.training.aligned_sentences import AlignedSentence, Span, entity_parts
-from fusionnet.training.sentence_pieces import Piece, exchanged, whole
+from fusionnet.training.sentence_pieces import Piece, exchanged, is_block, whole
 
 _MIRRORED = {"left": "right", "leftmost": "rightmost", "left-most": "right-most"}
 _MIRRORED |= {b: a for a, b in _MIRRORED.items()}
@@ -58,6 +61,34 @@ def with_pronoun(sentence: AlignedSentence) -> AlignedSentence:
     if place is None:
         return sentence
     return exchanged(sentence, place, Piece(("it",), ("type:reference",), ((0, 0),)))
+
+
+def set_beside(sentence: AlignedSentence, phrase: Sequence[str]) -> AlignedSentence:
+    """A block put next to another one instead of upon it; unchanged where there is no such place.
+
+    Nobody in the treebank says so, because it leaves open on which side, but anybody would.
+
+    Args:
+        sentence: What to change.
+        phrase: The words; the first of them says the relation.
+    """
+    if DESTINATION not in sentence.symbols:
+        return sentence
+    relation = sentence.symbols.index(DESTINATION) + 1
+    landmark = next((p for p in entity_parts(sentence.symbols) if p.first == relation + 1), None)
+    place = None if landmark is None else whole(sentence, landmark)
+    said = [s for s in sentence.spans[:relation] if s is not None]
+    span = sentence.spans[relation]
+    if landmark is None or place is None or span is None or not is_block(sentence, landmark):
+        return sentence
+    first = max((s[1] for s in said), default=-1) + 1
+    if not first <= span[0] <= span[1] < place.first:
+        return sentence
+    changed = sentence.with_words(first, place.first - 1, phrase)
+    changed = changed.with_symbol(relation, f"relation:{Relation.ADJACENT}")
+    spans = list(changed.spans)
+    spans[relation] = (first, first)
+    return changed._replace(spans=tuple(spans))
 
 
 def renumbered(sentence: AlignedSentence, index: int, number: int) -> AlignedSentence:
