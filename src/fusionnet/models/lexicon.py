@@ -6,7 +6,7 @@ reads a symbol off words that never said it, is no reading of the sentence.
 """
 
 from collections import Counter, defaultdict
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -45,12 +45,15 @@ class Lexicon:
         cls,
         sentences: Iterable[tuple[Sequence[str], Sequence[str], Sequence[tuple[int, int] | None]]],
         phrases: Iterable[tuple[str, Sequence[str]]] = (),
+        idle: Collection[str] = (),
     ) -> "Lexicon":
         """Learn from sentences.
 
         Args:
             sentences: Words, symbols, and each symbol's first and last word.
             phrases: Further symbols with words that say them.
+            idle: Words that may say nothing, however often they say something in the sentences:
+                "you" in "could you take it".
         """
         met, telling, naming = Counter[str](), Counter[str](), Counter[str]()
         said: dict[str, Counter[str]] = defaultdict(Counter)
@@ -80,7 +83,7 @@ class Lexicon:
         always = (w for w, n in met.items() if n >= OFTEN and telling[w] >= ALWAYS * n)
         return cls(
             {word: frozenset(names) for word, names in says.items() if names},
-            frozenset(word for word in always if naming[word] >= met[word] / 2),
+            frozenset(w for w in always if w not in idle and naming[w] >= met[w] / 2),
             frozenset(s for s, n in written.items() if unsaid[s] >= SELDOM * n),
         )
 

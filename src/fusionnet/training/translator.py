@@ -211,7 +211,8 @@ def lexicon_of(sentences: Sequence[AlignedSentence], vocabulary: Vocabulary) -> 
     phrases += [
         (f"cardinal:{number}", [word]) for number, word in enumerate(NUMBER_WORDS) if number
     ]
-    learnt = Lexicon.of(((s.words, s.symbols, s.spans) for s in sentences), phrases)
+    polite = {word for opening in OPENINGS for word in opening.split()}
+    learnt = Lexicon.of(((s.words, s.symbols, s.spans) for s in sentences), phrases, polite)
     return learnt.kept(vocabulary.words)
 
 
