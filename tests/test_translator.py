@@ -60,13 +60,14 @@ from fusionnet.training.aligned_sentences import (
 from fusionnet.training.loop import LoopConfig, fit
 from fusionnet.training.optimizers import OptimizerConfig
 from fusionnet.training.phrase_book import Pool
-from fusionnet.training.sentence_augmentation import AugmentationConfig, Augmenter
+from fusionnet.training.sentence_augmentation import SIDES, AugmentationConfig, Augmenter
 from fusionnet.training.sentence_edits import (
     mirrored,
     misspelt,
     recolored,
     relocated,
     renumbered,
+    sent_to,
     set_beside,
     with_pronoun,
 )
@@ -273,6 +274,17 @@ def test_a_block_is_set_beside_another_one():
     assert spoken(changed)["color:white"] == "white"
     for sentence in (SENTENCES[0], SENTENCES[1]):  # no destination, a measured one
         assert set_beside(sentence, ("beside",)) is sentence
+
+
+def test_a_block_is_sent_to_a_side_of_the_board():
+    for where in SIDES:
+        changed = sent_to(SENTENCES[2], where)
+        check_whole(changed)
+        said = " ".join(where.words)
+        assert " ".join(changed.words) == f"take the green block and put it {said}"
+        assert spoken(changed)["relation:within"] == "to"
+        assert "color:white" not in changed.symbols
+    assert sent_to(SENTENCES[0], SIDES[0]) is SENTENCES[0]
 
 
 def test_renumbering_counts_tiles_in_the_right_number():

@@ -70,7 +70,7 @@ BESIDES = {
     Relation.FORWARD: choice(("in front of", 1)),
     Relation.ADJACENT: choice(("next| to", 75), ("beside", 25)),
 }  # fmt: skip
-INTO = choice(("in", 64), ("into", 18), ("at", 9), ("to", 9))
+INTO = choice(("in", 58), ("into", 16), ("at", 8), ("to", 18))
 YOU = choice(("you", 65), ("the |robot", 35))
 CENTERS = choice(("center", 60), ("centre", 25), ("middle", 15))
 AFTER_CENTER = choice(("", 70), ("of the board", 30))

@@ -24,6 +24,7 @@ from fusionnet.training.sentence_edits import (
     recolored,
     relocated,
     renumbered,
+    sent_to,
     set_beside,
     with_pronoun,
 )
@@ -41,6 +42,28 @@ from fusionnet.training.sentence_pieces import (
 
 NOTHING = Piece((), (), ())
 """What stands where a modifier was cut away."""
+
+
+def _side(indicator: str, said: str) -> Piece:
+    """ "To the right side of the board", for example."""
+    symbols = ("relation:within", f"indicator:{indicator}", "type:region")
+    return Piece(("to", "the", *said.split()), symbols, ((0, 0), (2, 2), None))
+
+
+SIDES = tuple(
+    _side(indicator, f"{name} {behind}")
+    for indicator, names, behinds in (
+        ("left", ("left",), ("side", "side of the board")),
+        ("right", ("right",), ("side", "side of the board")),
+        ("front", ("far", "top"), ("side", "side of the board")),
+        ("back", ("near", "bottom"), ("side", "side of the board")),
+        ("center", ("center", "centre", "middle"), ("", "of the board")),
+    )
+    for name in names
+    for behind in behinds
+)
+"""Where people say that a block shall go, though it leaves open to which square: the treebank has
+none of them."""
 
 MOST_SYMBOLS = 24
 """A sentence with more symbols is not made longer."""
@@ -61,6 +84,7 @@ class AugmentationConfig:
         phrases: That a phrase is replaced by another that means the same, each.
         directions: That a relation is replaced by another one, each.
         beside: That a block is put next to the other one instead of upon it.
+        sides: That a block is sent to a side of the board, or to its centre.
         numbers: That a number is changed, each.
         mirror: That left and right are exchanged.
         synonyms: That a word is replaced from our own list of synonyms, each.
@@ -83,6 +107,7 @@ class AugmentationConfig:
     phrases: float = 0.15
     directions: float = 0.04
     beside: float = 0.02
+    sides: float = 0.01
     numbers: float = 0.3
     mirror: float = 0.25
     synonyms: float = 0.05
@@ -123,6 +148,8 @@ class Augmenter:
             sentence = self._change_phrases(sentence, rng)
             if rng.random() < c.beside:
                 sentence = set_beside(sentence, BESIDE[rng.integers(len(BESIDE))].split())
+            if rng.random() < c.sides:
+                sentence = sent_to(sentence, SIDES[rng.integers(len(SIDES))])
             if rng.random() < c.colors:
                 sentence = recolored(sentence, rng)
             sentence = self._drop_fillers(sentence, rng)

@@ -8,7 +8,7 @@ from fusionnet.models.tree_symbols import DESTINATION
 from fusionnet.rcl import Color, Relation
 from fusionnet.sentences.phrases import COLOR_PHRASES, NUMBER_WORDS, singular_or_plural
 from fusionnet.training.aligned_sentences import AlignedSentence, Span, entity_parts
-from fusionnet.training.sentence_pieces import Piece, exchanged, is_block, whole
+from fusionnet.training.sentence_pieces import Piece, Place, exchanged, is_block, whole
 
 _MIRRORED = {"left": "right", "leftmost": "rightmost", "left-most": "right-most"}
 _MIRRORED |= {b: a for a, b in _MIRRORED.items()}
@@ -89,6 +89,24 @@ def set_beside(sentence: AlignedSentence, phrase: Sequence[str]) -> AlignedSente
     spans = list(changed.spans)
     spans[relation] = (first, first)
     return changed._replace(spans=tuple(spans))
+
+
+def sent_to(sentence: AlignedSentence, where: Piece) -> AlignedSentence:
+    """The sentence with another destination; unchanged where it has none, or none that ends it.
+
+    Args:
+        sentence: What to change.
+        where: The destination, from its relation on.
+    """
+    if DESTINATION not in sentence.symbols:
+        return sentence
+    begin = sentence.symbols.index(DESTINATION) + 1
+    before, own = sentence.spans[:begin], [s for s in sentence.spans[begin:] if s is not None]
+    first = max((s[1] for s in before if s is not None), default=-1) + 1
+    if not own or min(s[0] for s in own) < first:
+        return sentence
+    place = Place(begin, len(sentence.symbols), first, len(sentence.words) - 1)
+    return exchanged(sentence, place, where)
 
 
 def renumbered(sentence: AlignedSentence, index: int, number: int) -> AlignedSentence:
