@@ -45,7 +45,7 @@ NOTHING = Piece((), (), ())
 
 
 def _side(indicator: str, said: str) -> Piece:
-    """ "To the right side of the board", for example."""
+    """A destination such as "to the right side of the board"."""
     symbols = ("relation:within", f"indicator:{indicator}", "type:region")
     return Piece(("to", "the", *said.split()), symbols, ((0, 0), (2, 2), None))
 
