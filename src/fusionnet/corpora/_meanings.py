@@ -237,7 +237,7 @@ class Meanings:
         if style < 0.11:
             return SpatialRelation(Leaf(Relation.ABOVE), self._any_corner())
         if style < 0.16 and moved is not self.held:
-            distance = self._distance() if chance.random() < 0.75 else None
+            distance = self._distance() if chance.random() < 0.6 else None
             return SpatialRelation(Leaf(chance.choice(_STEPS)), None, distance)
         others = [block for block in self.tops if block is not moved]
         if style < 0.22 and others:

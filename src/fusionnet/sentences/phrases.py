@@ -47,7 +47,16 @@ NUMBER_WORDS = ("zero", "one", "two", "three", "four", "five", "six", "seven", "
 _GROUPS: dict[str, tuple[str, ...]] = {
     "type:cube": ("cube", "block", "brick", "box", "square block", "building block"),
     "type:prism": ("prism", "pyramid", "tetrahedron", "triangle", "triangular block", "cone"),
-    "type:stack": ("tower", "stack", "pillar", "column", "pile", "stack of blocks", "slab"),
+    "type:stack": (
+        "tower",
+        "stack",
+        "pillar",
+        "column",
+        "pile",
+        "stack of blocks",
+        "tower of cubes",
+        "slab",
+    ),
     "type:cube-group": ("blocks", "cubes", "bricks", "boxes"),
     "type:edge": ("edge", "margin", "border", "side"),
     "type:board": ("board", "floor", "ground", "table", "table top", "desk"),
