@@ -5,6 +5,7 @@ proportions: moves, takes, drops, and sequences of a take and a drop. Whether it
 can be executed is for the planner to say.
 """
 
+from dataclasses import replace
 from random import Random
 
 from fusionnet.blocks import GRID, Block, Layout, Shape
@@ -87,13 +88,20 @@ class Meanings:
     def _shared_type(
         self, subject: Entity, destination: SpatialRelation
     ) -> tuple[Entity, SpatialRelation]:
-        """At times a destination of the subject's kind becomes "the blue one"."""
+        """At times a destination of the kind spoken of becomes "the blue one".
+
+        What was spoken of last counts: in "the pyramid from the red cube onto the blue one" the
+        cube, which then has the name.
+        """
         landmark = destination.entity
+        below = next((r.entity for r in subject.relations if _is_block(r.entity)), None)
+        spoken = subject if below is None else below
         if (
             landmark is None
-            or landmark.type.value is not subject.type.value
+            or landmark.type.value is not spoken.type.value
             or not landmark.colors
             or self.chance.random() > 0.12
+            or (below is not None and subject.id is not None)
         ):
             return subject, destination
         one = Entity(
@@ -103,8 +111,12 @@ class Meanings:
             relations=landmark.relations,
             reference_id=Leaf(1),
         )
-        measure = destination.measure
-        return _numbered(subject), SpatialRelation(destination.relation, one, measure)
+        there = SpatialRelation(destination.relation, one, destination.measure)
+        if below is None:
+            return _numbered(subject), there
+        [lying] = subject.relations
+        named = replace(lying, entity=_numbered(below))
+        return replace(subject, relations=(named,)), there
 
     def _subject(self, block: Block) -> Entity:
         """A description that fits a block, though perhaps not it alone."""
@@ -277,16 +289,13 @@ def _region(side: Indicator) -> Entity:
     return Entity(Leaf(Type.REGION), indicators=(Leaf(side),))
 
 
+def _is_block(entity: Entity | None) -> bool:
+    blocks = (Type.CUBE, Type.PRISM, Type.STACK, Type.CUBE_GROUP)
+    return entity is not None and entity.type.value in blocks
+
+
 def _numbered(entity: Entity) -> Entity:
     """The same entity with the id 1, the only one that the treebank has."""
     if entity.id is not None:
         return entity
-    return Entity(
-        entity.type,
-        entity.colors,
-        entity.indicators,
-        entity.cardinal,
-        entity.relations,
-        Leaf(1),
-        entity.reference_id,
-    )
+    return replace(entity, id=Leaf(1))

@@ -260,7 +260,8 @@ class _Speaker:
         if kind is Relation.WITHIN:
             text = placed + self._pick(words.WITHIN)
         elif kind is Relation.ABOVE:
-            text = placed + "on"
+            at_edge = where is Type.EDGE and chance.random() < 0.3
+            text = placed + ("at" if at_edge else "on")
         else:
             text = placed + self._pick(words.BESIDES[kind])
         return SpatialRelation(Leaf(kind, self._say(text)), self._entity(landmark))

@@ -65,6 +65,13 @@ SIDES = tuple(
 """Where people say that a block shall go, though it leaves open to which square: the treebank has
 none of them."""
 
+ONE = "type:type-reference"
+"""What "one" says: of the kind that was spoken of last. Another description of the block before it
+may speak of other things last."""
+
+EDGE = "type:edge"
+"""Always a place that something is above, or nearest to, however that is said."""
+
 MOST_SYMBOLS = 24
 """A sentence with more symbols is not made longer."""
 
@@ -173,6 +180,8 @@ class Augmenter:
                 break
             part, block = parts[turn], is_block(sentence, parts[turn])
             chances = rng.random(3)
+            if part.role == "event" and ONE in sentence.symbols:
+                continue
             if chances[0] < c.entities:
                 pool = self.book.wholes.get(context(sentence, part))
                 sentence = self._exchange(sentence, whole(sentence, part), pool, rng)
@@ -216,6 +225,8 @@ class Augmenter:
                 sentence = renumbered(sentence, index, int(rng.integers(1, 6)))
                 continue
             if name.startswith("relation:") and chance < c.directions:
+                if EDGE in sentence.symbols[index + 1 : index + 3]:
+                    continue
                 other = f"relation:{list(Relation)[rng.integers(len(Relation))]}"
                 turned = sentence.with_symbol(index, other)
                 words = self.book.phrase(phrase_context(turned, index), rng)
