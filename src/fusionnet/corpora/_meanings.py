@@ -100,7 +100,7 @@ class Meanings:
             landmark is None
             or landmark.type.value is not spoken.type.value
             or not landmark.colors
-            or self.chance.random() > 0.12
+            or self.chance.random() > (0.12 if below is None else 0.4)
             or (below is not None and subject.id is not None)
         ):
             return subject, destination
@@ -129,15 +129,17 @@ class Meanings:
         if style < 0.45:
             return Entity(kind, colors, relations=(self._situation(block),))
         if style < 0.54:
-            return Entity(kind, colors, (Leaf(self._indicator(block)),))
+            return Entity(kind, colors, self._indicators(block))
         if style < 0.57 and block.shape is Shape.CUBE:
             return Entity(kind, colors, cardinal=Leaf(1))
         return Entity(kind, colors)
 
-    def _indicator(self, block: Block) -> Indicator:
-        if len(self.columns.get(block.cell[:2], ())) == 1 and self.chance.random() < 0.5:
-            return Indicator.INDIVIDUAL
-        return self.chance.choice(
+    def _indicators(self, block: Block) -> tuple[Leaf[Indicator], ...]:
+        """What tells a block from others of its kind: "leftmost", "single", "nearest single"."""
+        single = len(self.columns.get(block.cell[:2], ())) == 1
+        if single and self.chance.random() < 0.5:
+            return (Leaf(Indicator.INDIVIDUAL),)
+        chosen = self.chance.choice(
             (
                 Indicator.LEFTMOST,
                 Indicator.LEFTMOST,
@@ -148,6 +150,8 @@ class Meanings:
                 Indicator.RIGHT,
             )
         )
+        both = single and self.chance.random() < 0.25
+        return (Leaf(chosen), *((Leaf(Indicator.INDIVIDUAL),) if both else ()))
 
     def _above(self, block: Block) -> SpatialRelation:
         """On what a block stands: a cube, or the stack below it."""

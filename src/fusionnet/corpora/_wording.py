@@ -260,7 +260,7 @@ class _Speaker:
         if kind is Relation.WITHIN:
             text = placed + self._pick(words.WITHIN)
         elif kind is Relation.ABOVE:
-            at_edge = where is Type.EDGE and chance.random() < 0.3
+            at_edge = where is Type.EDGE and chance.random() < 0.5
             text = placed + ("at" if at_edge else "on")
         else:
             text = placed + self._pick(words.BESIDES[kind])
