@@ -722,6 +722,11 @@ def test_slips_of_the_pen_are_read_through(shipped):
         ("place the red block beside the tower", False, "Move red cube next to stack."),
         ("put the red block next to the blue block", True, "Put red cube next to blue cube."),
         ("drop the gray block left of the prism", True, "Put gray cube to the left of pyramid."),
+        (
+            "put the green cube on top of the tower of red and blue cubes",
+            False,
+            "Move green cube onto red and blue stack.",
+        ),
         ("put it in front of the red cube", True, "Put it beyond red cube."),
         ("place the green pyramid left", False, "Move green pyramid to the left."),
         ("move the red block to the left", False, "Move red cube to the left."),
