@@ -902,6 +902,7 @@ def test_colours_soften_only_when_nothing_else_helps():
     found = grounded((reading(take("green"), 0.6), reading(take("blue"), 0.3)), cyan)
     assert found.softened and found.place == 1
     assert "cyan" in found.remark
+    assert found.reading.tree == parse(take("cyan"))  # as the scene has it
     with pytest.raises(PlanningError, match="green"):
         grounded((reading(take("green"), 0.6), reading(take("red"), 0.3)), cyan)
 

@@ -234,8 +234,9 @@ def _show(
     console.print()
     console.print(Text(rcl.format(best.tree), style="dim"), soft_wrap=True)
     console.print()
-    for reading in readings:
-        mark = "*" if reading is best else " "
+    taken = 0 if chosen is None else chosen.place
+    for place, reading in enumerate(readings):
+        mark = "*" if place == taken else " "
         console.print(
             Text(f"{mark} {reading.probability:6.1%}  {rcl.describe(reading.tree)}"), soft_wrap=True
         )
