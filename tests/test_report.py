@@ -29,6 +29,12 @@ def test_the_reading_says_what_is_best_and_how_often_the_thesis_is_borne_out(run
     assert "holds zero over 5 seeds" in said
 
 
+def test_the_best_is_one_that_was_repeated(run):
+    lucky = dataclasses.replace(run.summaries[0], values=(-9.0,), mean=-9.0, low=-9.0, high=-9.0)
+    tried = dataclasses.replace(run, summaries=(lucky, *run.summaries[1:]))
+    assert "x2 has the best error" in reading(tried)
+
+
 def test_a_verdict_is_printed_with_the_interval_that_decides_it(run):
     for judged in run.judgements:
         said = verdict_sentence(judged)

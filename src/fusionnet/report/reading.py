@@ -8,14 +8,19 @@ from fusionnet.report.chapters import Chapter
 
 
 def reading(chapter: Chapter) -> str:
-    """Two sentences: what was found, and how it stands to the thesis."""
+    """Two sentences: what was found, and how it stands to the thesis.
+
+    The best is that of the variants which were run with the most seeds: of many that were tried
+    once, the best is so by luck, too.
+    """
     experiment = chapter.experiment
     if not chapter.summaries:
         return (
             "This has not been run yet. "
             f"`fusionnet reproduce {experiment.name} --scale small` runs it."
         )
-    best = (min if experiment.lower_is_better else max)(chapter.summaries, key=lambda s: s.mean)
+    repeated = [s for s in chapter.summaries if len(s.values) == chapter.seeds]
+    best = (min if experiment.lower_is_better else max)(repeated, key=lambda s: s.mean)
     found = (
         f"At the {chapter.scale} scale, {best.variant.label or best.variant.name} has the best "
         f"{metric_words(experiment.metric)}: {best.mean:.4g} [{best.low:.4g}, {best.high:.4g}] "
