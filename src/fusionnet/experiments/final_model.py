@@ -104,7 +104,7 @@ EXPERIMENT = Experiment(
     lower_is_better=True,
     variants=variants,
     run=run,
-    seeds={"smoke": 1, "small": 3, "thesis": 5},
+    seeds={"smoke": 1, "small": 5, "thesis": 5},
     published=tuple(
         Published(variant="final", metric=metric, mean=mean, where=where)
         for metric, mean, where in (
