@@ -5,16 +5,17 @@ from dataclasses import dataclass, replace
 from itertools import chain, combinations
 
 from fusionnet.blocks import Layout, Move, plan
+from fusionnet.blocks.grounding import SOFTENED
 from fusionnet.errors import PlanningError, TreeError
 from fusionnet.models.reading import Reading
 from fusionnet.models.tree_symbols import symbols_of, tree_of
-from fusionnet.rcl import Color, Tree
+from fusionnet.rcl import Tree
 
 LEAST_SHARE = 0.01
 """Below this share of the best reading's probability, another is no reading of the sentence:
 training leaves every wrong symbol about a thousandth."""
 
-_PAIRS = ((Color.CYAN, Color.BLUE), (Color.WHITE, Color.GRAY))
+_PAIRS = [(color, other) for color, other in SOFTENED.items() if color is not other]
 CONFUSED = {f"color:{a}": f"color:{b}" for pair in _PAIRS for a, b in (pair, pair[::-1])}
 """Colours that people take for each other, as symbols."""
 
