@@ -7,10 +7,12 @@ import pytest
 
 from fusionnet.blocks import apply, plan, validate
 from fusionnet.corpora import Command, load_corpus, synthetic
+from fusionnet.models.tree_symbols import symbols_of
 from fusionnet.rcl import Action, Color, Event, Indicator, Relation, Sequence, Type, events
 from test_corpora import check_contract, leaves
 
 COUNT = 250
+BLOCKS = frozenset({"type:cube", "type:prism", "type:stack", "type:cube-group"})
 
 
 @pytest.fixture(scope="module")
@@ -105,3 +107,17 @@ def test_sentences_and_trees_are_varied(made):
 def test_the_sentences_are_the_same_everywhere(golden):
     said = [synthetic.command(0, number).sentence for number in range(1, 31)]
     golden("synthetic_sentences.txt", "\n".join(said) + "\n")
+
+
+def test_one_is_of_the_kind_that_was_spoken_of_last():
+    """As in the treebank: what stands between has the name, if there is something between."""
+    between = 0
+    for command in islice(synthetic.commands(3), 3000):
+        names = [symbol.name for symbol in symbols_of(command.tree)]
+        if "type:type-reference" in names and len(events(command.tree)) == 1:
+            subject = names[: names.index("destination")]
+            blocks = [at for at, n in enumerate(subject) if n in BLOCKS]
+            assert subject.count("id") == 1
+            assert (subject.index("id") > blocks[0]) == (len(blocks) > 1), command.sentence
+            between += len(blocks) > 1
+    assert between > 5

@@ -14,8 +14,8 @@ from fusionnet.rcl import Tree
 from fusionnet.sentences import words_of
 
 DROP = "action:drop"
-"""Role of the entity that is let go. The gripper holds it, so that nobody describes it by where it
-is: in "drop the cube on the red block" the red block is where to."""
+"""Role of the entity that is let go. The gripper holds it, so that it is not described by where
+it is: in "drop the cube on the red block" the red block is where to."""
 
 Span = tuple[int, int]
 """First and last word of a leaf, from 0; both belong to it."""

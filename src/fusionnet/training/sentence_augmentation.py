@@ -70,7 +70,7 @@ ONE = "type:type-reference"
 may speak of other things last."""
 
 EDGE = "type:edge"
-"""Always a place that something is above, or nearest to, however that is said."""
+"""Annotators say above of it where people say "at", so that words of other relations mislead."""
 
 MOST_SYMBOLS = 24
 """A sentence with more symbols is not made longer."""

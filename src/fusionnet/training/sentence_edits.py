@@ -77,11 +77,10 @@ def set_beside(sentence: AlignedSentence, phrase: Sequence[str]) -> AlignedSente
     relation = sentence.symbols.index(DESTINATION) + 1
     landmark = next((p for p in entity_parts(sentence.symbols) if p.first == relation + 1), None)
     place = None if landmark is None else whole(sentence, landmark)
-    said = [s for s in sentence.spans[:relation] if s is not None]
     span = sentence.spans[relation]
     if landmark is None or place is None or span is None or not is_block(sentence, landmark):
         return sentence
-    first = max((s[1] for s in said), default=-1) + 1
+    first = _behind(sentence, relation)
     if not first <= span[0] <= span[1] < place.first:
         return sentence
     changed = sentence.with_words(first, place.first - 1, phrase)
@@ -101,8 +100,8 @@ def sent_to(sentence: AlignedSentence, where: Piece) -> AlignedSentence:
     if DESTINATION not in sentence.symbols:
         return sentence
     begin = sentence.symbols.index(DESTINATION) + 1
-    before, own = sentence.spans[:begin], [s for s in sentence.spans[begin:] if s is not None]
-    first = max((s[1] for s in before if s is not None), default=-1) + 1
+    own = [s for s in sentence.spans[begin:] if s is not None]
+    first = _behind(sentence, begin)
     if not own or min(s[0] for s in own) < first:
         return sentence
     place = Place(begin, len(sentence.symbols), first, len(sentence.words) - 1)
@@ -172,3 +171,8 @@ def opened(sentence: AlignedSentence, opening: str) -> AlignedSentence:
     n = len(words)
     spans = tuple(None if s is None else (s[0] + n, s[1] + n) for s in sentence.spans)
     return sentence._replace(words=(*words, *sentence.words), spans=spans)
+
+
+def _behind(sentence: AlignedSentence, symbol: int) -> int:
+    """The first word behind all that say what comes before a symbol."""
+    return max((s[1] for s in sentence.spans[:symbol] if s is not None), default=-1) + 1
