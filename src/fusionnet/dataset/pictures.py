@@ -13,10 +13,10 @@ LEAST_PIXELS = 12
 """Blocks with fewer visible pixels of the eye's picture get no box."""
 
 EYE_FRAMES = {
-    "left_eye": PictureFrame(eye_size=(960, 540), crop=(190, 28, 782, 540), input_size=(352, 304)),
-    "right_eye": PictureFrame(eye_size=(960, 540), crop=(16, 28, 608, 540), input_size=(352, 304)),
+    "left_eye": PictureFrame(eye_size=(960, 540), crop=(190, 28, 782, 540), input_size=(480, 416)),
+    "right_eye": PictureFrame(eye_size=(960, 540), crop=(16, 28, 608, 540), input_size=(480, 416)),
 }
-"""The part of each of NICO's eyes in which the 8x8x8 grid appears, at 0.59 of its size."""
+"""The part of each of NICO's eyes in which the 8x8x8 grid appears, at 0.81 of its size."""
 
 EYE_FRAME = EYE_FRAMES["left_eye"]
 """That of the eye which looks where nothing else is said."""

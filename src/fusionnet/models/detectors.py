@@ -106,7 +106,7 @@ def compact(
     """What we ship: boxes, the camera's pose and the occupancy of cells, on two CPU cores."""
     return RetinaNetConfig(
         frame=frame,
-        boxes=BoxConfig(depth=2),
+        boxes=BoxConfig(depth=2, sizes=((14.0, 24.0, 38.0),)),
         detail=16,
         reasoning=4,
         matrix=_matrix(matrix),

@@ -30,6 +30,9 @@ GRAY = 0.4
 BOARDED = 0.9
 """Share of the views with a checkerboard."""
 
+HELD = 0.4
+"""Share of the views whose board is held up to the camera, as for calibrating, turned anyhow."""
+
 _MIDDLE = np.array([GRID / 2, GRID / 2, GRID / 4]) * BLOCK_SIZE
 _REACH = 0.75 * GRID * BLOCK_SIZE
 _TEXEL = 24
@@ -106,17 +109,22 @@ def drawn_view(
 def _camera(
     rng: np.random.Generator, size: tuple[int, int]
 ) -> tuple[Float[np.ndarray, "3 3"], Float[np.ndarray, "4 4"]]:
-    """Intrinsics, and a pose from any side, from flat to steep, near to far, somewhat rolled."""
+    """Intrinsics, and a pose from any side, from flat to steep, near to far, somewhat rolled.
+
+    Of a board that is held, any side may be up.
+    """
     width, height = size
     focal = max(size) * rng.uniform(0.6, 1.6)
     matrix = np.array([[focal, 0, (width - 1) / 2], [0, focal, (height - 1) / 2], [0, 0, 1]])
     distance = 2 * _REACH * focal / (min(size) * rng.uniform(0.4, 1.3))
-    elevation, azimuth = np.radians(rng.uniform(12, 89)), rng.uniform(0, 2 * np.pi)
+    held = rng.random() < HELD
+    elevation = np.arcsin(rng.uniform(0.6, 1.0)) if held else np.radians(rng.uniform(12, 89))
+    azimuth = rng.uniform(0, 2 * np.pi)
     flat = np.cos(elevation)
     back = np.array([flat * np.cos(azimuth), flat * np.sin(azimuth), np.sin(elevation)])
     right = np.array([-np.sin(azimuth), np.cos(azimuth), 0.0])
     level = np.stack([right, -np.cross(back, right), -back])
-    roll = np.radians(rng.normal(0, 15))
+    roll = rng.uniform(0, 2 * np.pi) if held else np.radians(rng.normal(0, 15))
     rotation = Rotation.from_rotvec([0, 0, roll]).as_matrix() @ level
     aim = _MIDDLE + rng.normal(0, 0.04, 3)
     return matrix, transform(rotation, -rotation @ (aim + distance * back))
@@ -276,7 +284,7 @@ def _add_board(
         .repeat(_TEXEL, axis=0)
         .repeat(_TEXEL, axis=1)
     )
-    margin = int(rng.integers(0, _TEXEL + 1))
+    margin = int(_TEXEL * rng.choice([rng.uniform(0, 1), rng.uniform(1, 3)], p=[0.7, 0.3]))
     edge = float(rng.choice([pale.mean(), rng.uniform(0.05, 1.0)]))
     board = np.pad(board, ((margin, margin), (margin, margin), (0, 0)), constant_values=edge)
     tall, wide = board.shape[:2]
