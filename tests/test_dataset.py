@@ -353,8 +353,8 @@ def test_pictures_of_a_split_are_read_in_any_order_by_any_process(built):
     order = pictures.order(seed=0, epoch=1)
     assert sorted(order) == list(range(12)) and list(order) != list(range(12))
     image, labels = pictures[-1]
-    assert image.shape == (304, 352, 3) and (labels.cells != EMPTY).any()
-    assert (labels.boxes >= 0).all() and (labels.boxes <= [352, 304, 352, 304]).all()
+    assert image.shape == (416, 480, 3) and (labels.cells != EMPTY).any()
+    assert (labels.boxes >= 0).all() and (labels.boxes <= [480, 416, 480, 416]).all()
     again = StoredPictures.__new__(StoredPictures)
     again.__dict__ = {**pictures.__dict__}
     state = pictures.samples.__getstate__()

@@ -34,6 +34,9 @@ from fusionnet.training.detector import (
 )
 from fusionnet.training.loop import LoopConfig, fit
 
+SHAPE = (*EYE_FRAME.input_size[::-1], 3)
+"""Of the network's input: height, width, colours."""
+
 TABLE = Layout(
     (
         Block(Color.RED, Shape.CUBE, Cell(2, 3, 0)),
@@ -64,7 +67,7 @@ def test_the_pose_head_projects_as_the_camera_does(renderer, model, seed):
     look = Appearance.sample(generator(seed, "test"))
     _, truth = label(renderer, TABLE, look)
     camera = renderer.camera("left_eye", look)
-    batch = collate([(np.zeros((304, 352, 3), np.uint8), truth)])
+    batch = collate([(np.zeros(SHAPE, np.uint8), truth)])
     deviation = model.pose_head.target(batch.matrix, batch.camera_from_board)
     points = torch.rand(20, 3) * 0.2
     pixels = model.pose_head.project(deviation, points)[0].numpy()
@@ -76,7 +79,7 @@ def test_the_pose_head_projects_as_the_camera_does(renderer, model, seed):
 
 def test_labels_tell_what_stands_where(renderer):
     image, truth = label(renderer, TABLE, Appearance())
-    assert image.shape == (304, 352, 3)
+    assert image.shape == SHAPE
     assert {i: k for i, k in enumerate(truth.cells) if k != EMPTY} == {
         block.cell.index: block.class_index for block in TABLE.blocks
     }
@@ -142,7 +145,7 @@ def test_a_detector_starts_from_another(tmp_path, model):
     plain.save(tmp_path / "plain", {}, half=False)
     left = start_from(other, tmp_path / "plain")
     assert "occupancy_head.embed_detail.weight" in left and len(left) < 20
-    image = torch.randint(0, 255, (1, 304, 352, 3), dtype=torch.uint8)
+    image = torch.randint(0, 255, (1, *SHAPE), dtype=torch.uint8)
     with torch.inference_mode():  # what is new begins as the identity
         found, wanted = other.eval()(image), plain.eval()(image)
     torch.testing.assert_close(found["occupancy"][0], wanted["occupancy"][0])
@@ -195,7 +198,7 @@ def test_half_precision_does_not_displace_pixels(model):
     exact = model.pose_head.project(deviation, model.occupancy_head.points)
     with torch.autocast("cpu", torch.bfloat16):
         half = model.pose_head.project(deviation, model.occupancy_head.points)
-        pose = model.pose_head(torch.randn(1, 48, 76, 88), torch.randn(1, 128, 19, 22))
+        pose = model.pose_head(torch.randn(1, 48, 104, 120), torch.randn(1, 128, 26, 30))
     torch.testing.assert_close(exact, half)
     assert pose[-1].dtype is torch.float32
 
@@ -218,13 +221,13 @@ def test_the_detector_overfits_one_batch(renderer):
 def test_perfect_outputs_give_back_the_boxes(model):
     head = model.box_head
     truth = Boxes(torch.tensor([[100.0, 90.0, 122.0, 115.0]]), torch.tensor([10]), torch.ones(1))
-    anchors = head([torch.zeros(1, 48, 38, 44)], (304, 352)).anchors
+    anchors = head([torch.zeros(1, 48, 52, 60)], SHAPE[:2]).anchors
     nearest = int((anchors - truth.xyxy).abs().sum(1).argmin())
     logits = torch.full((1, len(anchors), 16), -9.0)
     logits[0, nearest, 10] = 5.0
     offsets = torch.zeros(1, len(anchors), 4)
     offsets[0, nearest] = head.coder.encode_single(truth.xyxy, anchors[nearest : nearest + 1])[0]
-    found = head.predict(BoxOutputs(logits, offsets, anchors, (304, 352)))[0]
+    found = head.predict(BoxOutputs(logits, offsets, anchors, SHAPE[:2]))[0]
     torch.testing.assert_close(found.xyxy, truth.xyxy, atol=1e-3, rtol=0)
     assert found.classes.tolist() == [10]
 

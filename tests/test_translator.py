@@ -80,7 +80,7 @@ from fusionnet.training.sentence_pieces import (
     taken,
     whole,
 )
-from fusionnet.training.splits import commands_of, random_numbers
+from fusionnet.training.splits import FOLDS, commands_of, fold_numbers
 from fusionnet.training.translator import (
     TranslatorConfig,
     batches,
@@ -592,9 +592,13 @@ def test_the_random_split_is_always_the_same_tenth(treebank):
     drawn, rest = (commands_of(treebank, [split]) for split in ("random", "rest"))
     assert len(drawn) == 250 and len(rest) == 2250
     assert not {c.id for c in drawn} & {c.id for c in rest}
-    assert random_numbers(treebank.commands[::-1]) == {c.id for c in drawn}
+    assert fold_numbers(treebank.commands[::-1]) == fold_numbers(treebank.commands)
     tune = {c.id for c in commands_of(treebank, ["tune"])}
     assert len(tune) == 250 and tune < {c.id for c in rest}
+    folds = [commands_of(treebank, [f"fold-{fold}"]) for fold in range(FOLDS)]
+    assert folds[0] == drawn and {c.id for c in folds[1]} == tune
+    assert [len(fold) for fold in folds] == [250] * FOLDS
+    assert len({c.id for fold in folds for c in fold}) == 2500
     groups = {c.scene.group for c in drawn}
     assert len(groups) > 60  # whatever their group
 

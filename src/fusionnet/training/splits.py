@@ -5,7 +5,8 @@ colours aside, occurs only once in the corpus. On a random split a good translat
 is nearly perfect; the hard one still tells translators apart. *random* is a seeded
 tenth of all commands, whatever their group; *rest* is what is not in it, as *easy* is
 what is not in hard. *tune* is a second seeded tenth, drawn from the rest: what is
-chosen is chosen on it, so that the random one is looked at once.
+chosen is chosen on it, so that the random one is looked at once. Both are tenths of one
+shuffled order, *fold-0* and *fold-1* of its ten.
 """
 
 from collections import Counter
@@ -17,10 +18,30 @@ from fusionnet.errors import TreeError, UnknownNameError
 from fusionnet.models.tree_symbols import symbols_of
 from fusionnet.randomness import generator
 
-Split = Literal["train", "val", "test", "hard", "easy", "random", "rest", "tune", "all"]
+Split = Literal[
+    "train",
+    "val",
+    "test",
+    "hard",
+    "easy",
+    "random",
+    "rest",
+    "tune",
+    "all",
+    "fold-0",
+    "fold-1",
+    "fold-2",
+    "fold-3",
+    "fold-4",
+    "fold-5",
+    "fold-6",
+    "fold-7",
+    "fold-8",
+    "fold-9",
+]
 
-RANDOM_SHARE = 0.1
-"""Share of the commands that are in the random split."""
+FOLDS = 10
+"""Parts of equal size, but for a command or so, that the shuffled commands fall into."""
 
 
 def commands_of(corpus: Corpus, splits: Sequence[str]) -> list[Command]:
@@ -34,14 +55,14 @@ def commands_of(corpus: Corpus, splits: Sequence[str]) -> list[Command]:
             known = ", ".join(get_args(Split))
             raise UnknownNameError(f"No split called {split!r}; available: {known}.")
     unique = hard_numbers(corpus.commands) if {"hard", "easy"} & set(splits) else set()
-    drawn = random_numbers(corpus.commands) if {"random", "rest"} & set(splits) else set()
-    tuned = tune_numbers(corpus.commands) if "tune" in splits else set()
+    folds = fold_numbers(corpus.commands)
 
     def names(command: Command) -> set[str]:
         hard = "hard" if command.id in unique else "easy"
-        random = "random" if command.id in drawn else "rest"
-        tune = {"tune"} if command.id in tuned else set()
-        return {"all", hard, random, part_of(command.scene.group)} | tune
+        fold = folds[command.id]
+        random = "random" if fold == 0 else "rest"
+        tune = {"tune"} if fold == 1 else set()
+        return {"all", hard, random, f"fold-{fold}", part_of(command.scene.group)} | tune
 
     return [command for command in corpus.commands if names(command) & set(splits)]
 
@@ -53,21 +74,11 @@ def hard_numbers(commands: Sequence[Command]) -> set[int]:
     return {number for number, form in forms.items() if counts[form] == 1}
 
 
-def random_numbers(commands: Sequence[Command], share: float = RANDOM_SHARE) -> set[int]:
-    """The numbers of a random share of the commands; always the same ones of a corpus."""
-    return set(_shuffled(commands)[: round(share * len(commands))])
-
-
-def tune_numbers(commands: Sequence[Command], share: float = RANDOM_SHARE) -> set[int]:
-    """The numbers of as many other commands as are in the random split."""
-    size = round(share * len(commands))
-    return set(_shuffled(commands)[size : 2 * size])
-
-
-def _shuffled(commands: Sequence[Command]) -> list[int]:
+def fold_numbers(commands: Sequence[Command]) -> dict[int, int]:
+    """For the number of every command its fold, 0 to 9; always the same ones of a corpus."""
     numbers = sorted(command.id for command in commands)
     shuffled: list[int] = generator(0, "splits", "random").permutation(numbers).tolist()
-    return shuffled
+    return {number: FOLDS * place // len(shuffled) for place, number in enumerate(shuffled)}
 
 
 def _without_colors(command: Command) -> tuple[str, ...]:
