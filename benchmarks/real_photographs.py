@@ -3,7 +3,8 @@
     python benchmarks/real_photographs.py FOLDER --square 0.025 --out results/detector-real.json
 
 The photographs hold no blocks: each box is a mistake. Then they are calibrated, blocks are drawn
-upon their boards (at most three high), and their boxes are looked for around the board.
+upon their boards (at most three high, and only where the photograph shows them whole), and their
+boxes are looked for around the board.
 """
 
 import json
@@ -16,7 +17,7 @@ import numpy as np
 import torch
 import tyro
 
-from fusionnet.blocks import BLOCK_SIZE, GRID, Layout
+from fusionnet.blocks import BLOCK_SIZE, GRID, Cell, Layout
 from fusionnet.dataset.frame import PictureFrame
 from fusionnet.dataset.layouts import varied_layout
 from fusionnet.dataset.pictures import LEAST_PIXELS
@@ -65,10 +66,20 @@ class Config:
     show: Path | None = None
 
 
-def low_layout(seed: int, number: int) -> Layout:
-    """A layout without a held block, of which nothing is higher than `LEVELS`."""
+def low_layout(seed: int, number: int, view: EnvironmentalView) -> Layout:
+    """A layout without a held block, nothing higher than `LEVELS`, all within the photograph."""
     layout = varied_layout(generator(seed, "real", number), [], invented=1.0)
-    return Layout(tuple(b for b in layout.blocks if b is not layout.held and b.cell.z < LEVELS))
+    low = [b for b in layout.blocks if b is not layout.held and b.cell.z < LEVELS]
+    outside = {b.cell[:2] for b in low if not _shown(b.cell, view)}
+    return Layout(tuple(b for b in low if b.cell[:2] not in outside))
+
+
+def _shown(cell: Cell, view: EnvironmentalView) -> bool:
+    """Whether all of a cell appears in the photograph."""
+    ends = np.stack(np.meshgrid(*([c, c + 1] for c in cell)), axis=-1).reshape(-1, 3)
+    pixels = view.camera.project(ends * BLOCK_SIZE) + 0.5
+    size = np.array(view.image.shape[1::-1])
+    return bool(((pixels >= 0) & (pixels <= size)).all())
 
 
 def framed(view: EnvironmentalView, frame: PictureFrame) -> tuple[EnvironmentalView, PictureFrame]:
@@ -112,9 +123,10 @@ def overlaid(config: Config, model: RetinaNet) -> tuple[dict[str, Any], list[np.
     renderer = OverlayRenderer((3 * width, 3 * height))
     strict, lenient, pictures, shown = BoxPrecision(), BoxPrecision(), [], 0
     for row, photograph in enumerate(environment.used):
-        view, frame = framed(view_of(calibration, environment, photograph), model.frame)
+        alone = view_of(calibration, environment, photograph)
+        view, frame = framed(alone, model.frame)
         for turn in range(config.layouts):
-            layout = low_layout(config.seed, row * config.layouts + turn)
+            layout = low_layout(config.seed, row * config.layouts + turn, alone)
             seen = renderer.view(layout, view)
             kept = seen.visible[seen.indices] >= LEAST_PIXELS
             boxes = np.clip(frame.to_input(seen.boxes), 0, np.tile(frame.input_size, 2))

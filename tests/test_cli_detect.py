@@ -94,6 +94,20 @@ def test_of_a_picture_without_a_board_no_layout_is_invented(tmp_path, capsys):
     assert "no layout: no board is seen" in capsys.readouterr().out
 
 
+def test_all_of_a_picture_without_a_board_is_seen(eye, model):
+    """Also what the eye's frame crops away: there the robot has nothing to see."""
+    left, top, right, bottom = model.frame.crop
+    blocks = model.detect(eye["blocks"])
+    red = blocks.xyxy[blocks.scores.argmax()].numpy()
+    shift = int(red[0]) - 40
+    assert 0 < shift and red[2] - shift < left
+    picture = np.roll(eye["blocks"], -shift, axis=1)
+    found = look(model, picture)
+    assert found.board is not None and found.board < BOARD_SEEN and found.layout is None
+    best = found.boxes.xyxy[found.boxes.scores.argmax()].numpy()
+    np.testing.assert_allclose(best, red - [shift, 0, shift, 0], atol=6)
+
+
 def test_the_evidence_for_a_board(eye, model):
     corners = model.see(eye["blocks"]).corners
     assert board_evidence(eye["blocks"], corners) > 0.8

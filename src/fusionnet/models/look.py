@@ -39,7 +39,10 @@ class Look:
 
 
 def look(model: RetinaNet, image: UInt8[np.ndarray, "h w 3"]) -> Look:
-    """Boxes and layout of a picture of any size and aspect; one pass of the network."""
+    """Boxes and layout of a picture of any size and aspect.
+
+    Where no board is seen the box head looks once more, at all of the picture.
+    """
     if not model.config.reads_layouts:
         return Look(boxes=model.detect(image))
     whole = padded_to_aspect(image, model.frame.eye_size)
@@ -47,10 +50,9 @@ def look(model: RetinaNet, image: UInt8[np.ndarray, "h w 3"]) -> Look:
     sight = model.see(eye)
     scale = np.array([whole.shape[1], whole.shape[0]]) / model.frame.eye_size
     board = board_evidence(eye, sight.corners)
-    found = sight.boxes if board >= BOARD_SEEN else sight.detected
-    boxes = _within(found, scale, (image.shape[1], image.shape[0]))
     if board < BOARD_SEEN:
-        return Look(boxes=boxes, board=board)
+        return Look(boxes=model.detect(image), board=board)
+    boxes = _within(sight.boxes, scale, (image.shape[1], image.shape[0]))
     layout = likely_layout(sight.cells, sight.holding)
     return Look(
         boxes=boxes,

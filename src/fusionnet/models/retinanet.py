@@ -14,6 +14,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 import torch
 from jaxtyping import Float, UInt8
@@ -30,7 +31,7 @@ from fusionnet.models.heads.fusion_nodes import FusionNodes
 from fusionnet.models.heads.occupancy import Occupancy
 from fusionnet.models.projected_boxes import projected_boxes, with_leftovers
 from fusionnet.models.pyramid import FeaturePyramid, initialise, level_strides
-from fusionnet.models.sight import Batch, BoxBatch, Sight, padded_to_aspect
+from fusionnet.models.sight import Batch, BoxBatch, Sight
 
 KIND = "retinanet"
 
@@ -234,20 +235,21 @@ class RetinaNet(nn.Module):
     def detect(self, image: UInt8[np.ndarray, "h w 3"]) -> Boxes:
         """Boxes, in pixels of a picture of any size and aspect (thesis 4.1.3).
 
-        The picture is brought to the eye's aspect by a border, never stretched; of what the
-        frame crops away nothing is seen.
+        All of the picture is seen, also what the frame would crop away: it is brought into the
+        eye's size without stretching it, at the frame's scale.
         """
-        whole = padded_to_aspect(image, self.frame.eye_size)
-        found = self.detect_prepared(self.frame.prepare(whole))
-        scale = np.array([whole.shape[1], whole.shape[0]]) / self.frame.eye_size
-        xyxy = self.frame.to_eye(found.xyxy.double().numpy()) * np.tile(scale, 2)
-        xyxy = xyxy.clip(0, np.tile([image.shape[1], image.shape[0]], 2))
-        kept = torch.from_numpy((xyxy[:, 2:] - xyxy[:, :2]).min(axis=1) > 0)
-        return Boxes(torch.from_numpy(xyxy)[kept], found.classes[kept], found.scores[kept])
+        size = np.array(image.shape[1::-1])
+        share = (np.array(self.frame.eye_size) / size).min() * self.frame.scale
+        wanted = np.maximum(np.rint(size * share), 1).astype(int)
+        resized = cv2.resize(image, wanted.tolist(), interpolation=cv2.INTER_AREA)
+        found = self.detect_prepared(resized)
+        xyxy = found.xyxy.double().numpy() * np.tile(size / wanted, 2)
+        xyxy = torch.from_numpy(xyxy.clip(0, np.tile(size, 2)))
+        return Boxes(xyxy, found.classes, found.scores)
 
     @torch.inference_mode()
     def detect_prepared(self, picture: UInt8[np.ndarray, "h w 3"]) -> Boxes:
-        """What the box head finds, in pixels of a picture of the network's input size."""
+        """What the box head finds, in pixels of a picture at the scale of the network's input."""
         levels, _, _ = self._features(prepared := torch.from_numpy(picture)[None])
         return self.box_head.predict(self._boxes(prepared, levels))[0]
 
