@@ -1,5 +1,6 @@
 import dataclasses
 import json
+import math
 
 import numpy as np
 import pytest
@@ -191,6 +192,20 @@ def test_the_temperature_makes_probabilities_true(stored, model, monkeypatch):
     temperature = calibrate(model, pictures)
     share = torch.softmax(torch.eye(17)[0] * 7.0 / temperature, 0)[0]
     assert float(share) == pytest.approx(1 - wrong.mean(), abs=0.02)
+
+
+def test_slivers_count_more_than_what_is_hidden_or_plain_to_see(model):
+    head, cells = model.occupancy_head, torch.full((1, 512), EMPTY)
+    cells[0, :3] = 4
+    logits, held = torch.zeros(1, 512, 17), torch.zeros(1)
+    logits[0, 3:, EMPTY] = 60.0  # nothing is lost there
+    visible = torch.zeros(1, 512, dtype=torch.long)
+    losses = []
+    for pixels in ((0, 0, 0), (0, occupancy.SLIVER[0], occupancy.SLIVER[1])):
+        visible[0, :3] = torch.tensor(pixels)
+        losses.append(float(head.losses((logits, held), cells, visible, held)["occupancy"]))
+    entropy = math.log(17)
+    assert losses == pytest.approx([3 * entropy, (2 + occupancy.SLIVER_WEIGHT) * entropy], rel=1e-4)
 
 
 def test_half_precision_does_not_displace_pixels(model):

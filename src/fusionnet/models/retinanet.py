@@ -177,7 +177,9 @@ class RetinaNet(nn.Module):
             assert isinstance(batch, Batch)
             target = self.pose_head.target(batch.matrix, batch.camera_from_board)
             losses |= self.pose_head.losses(outputs["pose"], target)
-            losses |= self.occupancy_head.losses(outputs["occupancy"], batch.cells, batch.holding)
+            losses |= self.occupancy_head.losses(
+                outputs["occupancy"], batch.cells, batch.visible, batch.holding
+            )
         return losses
 
     def see(self, image: UInt8[np.ndarray, "h w 3"]) -> Sight:

@@ -33,6 +33,7 @@ class Batch(BoxBatch):
 
     Attributes:
         cells: Class of each of the 512 cells (16 is empty).
+        visible: Pixels of the eye's picture in which the block of each cell is seen.
         holding: 1 where the gripper holds a block.
         matrix: Intrinsics for the input.
         camera_from_board: Pose of the camera.
@@ -40,6 +41,7 @@ class Batch(BoxBatch):
     """
 
     cells: Int[Tensor, "n 512"]
+    visible: Int[Tensor, "n 512"]
     holding: Float[Tensor, " n"]
     matrix: Float[Tensor, "n 3 3"]
     camera_from_board: Float[Tensor, "n 4 4"]

@@ -222,6 +222,7 @@ def collate(
             for t in labels
         ],
         cells=_stacked([t.cells for t in read], (512,)).long(),
+        visible=_stacked([t.visible for t in read], (512,)).long(),
         holding=torch.tensor([float(t.holding) for t in read]),
         matrix=_stacked([t.matrix for t in read], (3, 3)).float(),
         camera_from_board=_stacked([t.camera_from_board for t in read], (4, 4)).float(),

@@ -18,6 +18,12 @@ from fusionnet.errors import InputError
 from fusionnet.models.heads._head import Example, Features, Head, Shapes
 from fusionnet.models.heads.camera_pose import sample
 
+SLIVER = (12, 250)
+"""Pixels of the eye's picture, of 1,500 or so, by which a block is seen that others nearly hide."""
+
+SLIVER_WEIGHT = 4.0
+"""How often such a block counts in the loss."""
+
 
 class GridConvolution(nn.Conv3d):
     """A three-dimensional convolution of 3x3x3 cells that takes a third of the time for one grid.
@@ -134,15 +140,22 @@ class Occupancy(nn.Module):
         self,
         outputs: tuple[Float[Tensor, "b 512 17"], Float[Tensor, " b"]],
         cells: Int[Tensor, "b 512"],
+        visible: Int[Tensor, "b 512"],
         holding: Float[Tensor, " b"],
     ) -> dict[str, Tensor]:
-        """`occupancy`: cross-entropy summed over a picture's cells; `holding`: binary."""
+        """`occupancy`: cross-entropy summed over a picture's cells; `holding`: binary.
+
+        Blocks of which a `SLIVER` peeps out count `SLIVER_WEIGHT` times: they are few, and those
+        that are wholly hidden, of which nothing can be learnt, would drown them.
+        """
         logits, held = outputs
         entropy = nn.functional.cross_entropy(
-            logits.flatten(0, 1), cells.flatten(), reduction="sum"
+            logits.flatten(0, 1), cells.flatten(), reduction="none"
         )
+        sliver = (cells != EMPTY) & (visible >= SLIVER[0]) & (visible < SLIVER[1])
+        weighted = entropy * torch.where(sliver.flatten(), SLIVER_WEIGHT, 1.0)
         return {
-            "occupancy": entropy / len(cells),
+            "occupancy": weighted.sum() / len(cells),
             "holding": nn.functional.binary_cross_entropy_with_logits(held, holding),
         }
 
