@@ -39,7 +39,7 @@ def _detector_loop(steps: int) -> LoopConfig:
 
 @dataclass(frozen=True, kw_only=True)
 class PolicyConfig:
-    """How to train a whole policy; the defaults take one core two and a half hours.
+    """How to train a whole policy; the defaults take one core about four hours.
 
     Attributes:
         out: A new folder for the policy.
