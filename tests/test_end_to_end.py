@@ -104,7 +104,7 @@ def test_learning_from_the_joints_alone_brings_back_a_reader_that_lost_its_colou
     optimizer = torch.optim.Adam(head.classify.parameters(), lr=3e-3)
     model.eval()
     errors = []
-    for _ in range(12):
+    for _ in range(30):
         losses = end_to_end_losses(model, model, batch, representations=())
         loss = losses["grasp"] + losses["place"] + losses["joints"]
         optimizer.zero_grad()
