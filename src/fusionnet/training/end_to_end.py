@@ -206,6 +206,8 @@ def run(
     if config.threads:
         torch.set_num_threads(config.threads)
     model = load(config.start, readings=config.readings)
+    for commands in (learnt, checked):
+        commands.seen_by(model.detector.frame)
     before = measure(model, checked, config.checked) if is_first_process() else {}
     fit(
         model,

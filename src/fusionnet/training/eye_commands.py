@@ -11,6 +11,7 @@ from torch import Tensor
 
 from fusionnet.blocks import Cell
 from fusionnet.dataset.folder import read_plan
+from fusionnet.dataset.frame import PictureFrame
 from fusionnet.dataset.reader import StoredPictures, StoredSamples
 from fusionnet.errors import InputError
 from fusionnet.models.end_to_end import EndToEnd
@@ -80,6 +81,10 @@ class EyeCommands:
 
     def __len__(self) -> int:
         return len(self.pictures)
+
+    def seen_by(self, frame: PictureFrame) -> None:
+        """Give pictures from now on at the size that a detector with this frame reads."""
+        self.pictures.input_size = frame.input_size
 
     def batch(
         self, indices: list[int], translator: Translator, rng: Any | None = None
