@@ -90,9 +90,7 @@ def test_sentences_that_say_nothing_teach_nothing_of_the_move(
     torch.stack(list(losses.values())).sum().backward()
 
 
-def test_a_detector_of_another_size_gets_pictures_of_its_own(
-    stored: Path, model: EndToEnd
-) -> None:
+def test_a_detector_of_another_size_gets_pictures_of_its_own(stored: Path, model: EndToEnd) -> None:
     commands = EyeCommands(stored, "train")
     commands.seen_by(replace(model.detector.frame, input_size=(352, 304)))
     assert commands.batch([0, 1], model.translator).seen.images.shape == (2, 304, 352, 3)
