@@ -126,6 +126,18 @@ def test_a_sentence_is_read_alike_alone_and_among_longer_ones(network):
     torch.testing.assert_close(together, alone, atol=1e-5, rtol=1e-4)
 
 
+def test_the_cache_changes_nothing_beyond_its_first_room(network):
+    given = torch.randint(4, 12, (2, 29), generator=torch.Generator().manual_seed(0))
+    with torch.inference_mode():
+        for rows in (1, 2):
+            memory = network.encode(SOURCE[:rows])
+            whole = network.output(network.decode(memory, given[:rows]))
+            cache = network.start(memory)
+            for place in range(given.shape[1]):
+                logits, _, cache = network.step(given[:rows, place], cache, memory)
+                torch.testing.assert_close(logits, whole[:, place], atol=1e-4, rtol=1e-4)
+
+
 def test_the_cache_changes_nothing(network):
     with torch.inference_mode():
         memory = network.encode(SOURCE)

@@ -161,7 +161,7 @@ def _collect(
     """Follow every finished beam back to its beginning."""
     parents = [p.numpy() for p, _, _ in steps]
     symbols = [s.numpy() for _, s, _ in steps]
-    attention = [softmax(a, -1).numpy() for _, _, a in steps]
+    attention = softmax(torch.stack([a for _, _, a in steps]), -1).numpy()
     sentences, beam = totals.shape
     found: list[list[Hypothesis]] = []
     for sentence in range(sentences):

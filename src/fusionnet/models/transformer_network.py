@@ -12,19 +12,16 @@ References:
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import torch
 from jaxtyping import Bool, Float, Int
 from torch import Tensor, nn
 from torch.nn.functional import (
-    embedding,
     layer_norm,
-    linear,
     relu,
     scaled_dot_product_attention,
-    softmax,
 )
 
 from fusionnet.models.transformer_config import TransformerConfig
@@ -34,6 +31,9 @@ NORMALISATION_EPSILON = 1e-6
 """Added to the deviation in every normalisation (4.2.2)."""
 
 _NOWHERE = -1e9
+
+_ROOM = 16
+"""Tokens for which a cache has room at first."""
 
 
 Parameters = tuple[Tensor, Tensor]
@@ -83,47 +83,77 @@ class PreparedLayer(NamedTuple):
     """What a layer of the decoder multiplies by at every step, made ready once.
 
     What the source says does not change while a target is written. Queries times keys, and
-    values times the last layer, are therefore each one matrix a sentence.
+    values times the last layer, are therefore each one matrix a sentence. Matrices are
+    transposed. A bias of what is added to the vector is added already where the vector is
+    normalised, and taken off again from what else is made of that vector.
 
     Attributes:
-        own: What makes queries, keys and values of a token, as one matrix.
-        own_output, own_norm: Weight and bias.
+        own: Makes for every head the query, the key and the value of a token.
+        own_output: From what the heads find to what it adds to the vector.
+        own_norm: Of that sum.
         asked: For each sentence, from a vector to the scores of all heads at the source.
         shown: Added to these scores: 0, or `_NOWHERE` where the source has no token.
         told: For each sentence, from the attention of all heads to what it adds to the vector.
-        source_norm, wide, narrow, wide_norm: Weight and bias.
+        source_norm: Of that sum.
+        wide: The feed-forward sublayer's first half.
+        narrow: From it to what is added to the vector.
+        wide_norm: Of that sum.
     """
 
-    own: Float[Tensor, "q e"]
-    own_output: Parameters
+    own: Parameters
+    own_output: Float[Tensor, "hd e"]
     own_norm: Parameters
-    asked: Float[Tensor, "b e ht"]
-    shown: Float[Tensor, "b 1 ht"]
-    told: Float[Tensor, "b ht e"]
+    asked: Float[Tensor, "b e ht"] | Float[Tensor, "e ht"]
+    shown: Float[Tensor, "b ht"]
+    told: Float[Tensor, "b ht e"] | Float[Tensor, "ht e"]
     source_norm: Parameters
     wide: Parameters
-    narrow: Parameters
+    narrow: Float[Tensor, "w e"]
     wide_norm: Parameters
+
+
+class PreparedDecoder(NamedTuple):
+    """What the decoder works with at every step, made ready once for some sentences.
+
+    Attributes:
+        words: The tokens' vectors.
+        places: What is added at each place.
+        layers: The layers.
+        output: Makes logits.
+    """
+
+    words: Float[Tensor, "w e"]
+    places: Float[Tensor, "p e"]
+    layers: tuple[PreparedLayer, ...]
+    output: Parameters
 
 
 @dataclass(frozen=True)
 class TargetCache:
     """What the decoder remembers of the tokens written so far.
 
+    A step writes behind them in place: go on from a cache once, or from copies by `rows`.
+
     Attributes:
-        pairs: For each layer, keys and values of its look at them.
-        layers: The decoder's layers, made ready for the sentences.
+        pairs: For each layer, keys and values of the tokens, and room for more.
+        decoder: Made ready for the sentences.
         length: How many tokens.
     """
 
-    pairs: tuple[Float[Tensor, "b 2 h t d"], ...]
-    layers: tuple[PreparedLayer, ...]
+    pairs: Float[Tensor, "l b h t 2 d"]
+    decoder: PreparedDecoder
     length: int = 0
 
     def rows(self, index: Int[Tensor, " n"]) -> "TargetCache":
         """The hypotheses with these numbers, as many as before; each stays with its sentence."""
-        pairs = tuple(pair.index_select(0, index) for pair in self.pairs)
-        return TargetCache(pairs, self.layers, self.length)
+        return replace(self, pairs=self.pairs.index_select(1, index))
+
+    def with_room(self) -> Float[Tensor, "l b h t2 2 d"]:
+        """`pairs` with room for a token more; doubled where there is none."""
+        room = self.pairs.shape[3]
+        if self.length < room:
+            return self.pairs
+        return nn.functional.pad(self.pairs, (0, 0, 0, 0, 0, max(room, _ROOM)))
 
 
 class Attention(nn.Module):
@@ -279,11 +309,15 @@ class TransformerNetwork(nn.Module):
     def start(self, memory: SourceMemory) -> TargetCache:
         """The cache before the first token."""
         rows, heads, _, size = memory.pairs[0][0].shape
-        empty = memory.features.new_empty((rows, 2, heads, 0, size))
-        shown = torch.where(memory.mask, 0.0, _NOWHERE).repeat(1, heads)[:, None]
-        layers = zip(self.decoder, memory.pairs, strict=True)
-        prepared = tuple(_prepared(layer, pair, shown) for layer, pair in layers)
-        return TargetCache((empty,) * len(prepared), prepared)
+        empty = memory.features.new_empty((len(self.decoder), rows, heads, 0, 2, size))
+        shown = torch.where(memory.mask, 0.0, _NOWHERE).repeat(1, heads)
+        ahead, *behind = [layer.own.output.bias.detach() for layer in self.decoder]
+        behind.append(torch.zeros_like(ahead))
+        layers = zip(self.decoder, memory.pairs, behind, strict=True)
+        prepared = tuple(_prepared(layer, pair, shown, bias) for layer, pair, bias in layers)
+        output = _transposed(self.output.weight, self.output.bias)
+        decoder = PreparedDecoder(self.target_words.weight, self.places + ahead, prepared, output)
+        return TargetCache(empty, decoder)
 
     def step(
         self, tokens: Int[Tensor, " b"], cache: TargetCache, memory: SourceMemory
@@ -298,49 +332,73 @@ class TransformerNetwork(nn.Module):
             (logarithms of their attention, up to a constant), and the longer cache.
         """
         rows, heads, size = len(tokens), self.config.heads, self.config.attention_size
-        split, looked = (rows, 3, heads, 1, size), (rows, heads, -1)
-        width = (self.config.embedding_size,)
-        x = (embedding(tokens, self.target_words.weight) + self.places[cache.length])[:, None]
-        pairs, scores = [], x
-        for layer, before in zip(cache.layers, cache.pairs, strict=True):
-            here = linear(x, layer.own).view(split)
-            pair = torch.cat((before, here[:, 1:]), 3)
-            pairs.append(pair)
-            keys, values = pair.unbind(1)
-            found = scaled_dot_product_attention(here[:, 0], keys, values)
-            x = x + linear(found.view(rows, 1, -1), *layer.own_output)
+        width, here = (self.config.embedding_size,), cache.length
+        words, places, layers, output = cache.decoder
+        added = torch.addmm if rows == 1 else _each_added
+        buffer = cache.with_room()
+        flat = buffer.flatten(1, 2)
+        slots = flat.select(2, here).unbind()
+        keys, values = flat.narrow(2, 0, here + 1).unbind(3)
+        known = zip(layers, slots, keys.transpose(2, 3).unbind(), values.unbind(), strict=True)
+        x = words.index_select(0, tokens) + places[here]
+        made, looked, scores = (rows * heads, 3, size), (rows, heads, -1), x
+        for layer, slot, key, value in known:
+            own = torch.addmm(layer.own[1], x, layer.own[0]).view(made)
+            slot.copy_(own.narrow(1, 1, 2))
+            asked = torch.bmm(own.narrow(1, 0, 1), key)
+            found = torch.bmm(torch.softmax(asked, -1), value).view(rows, -1)
+            x = torch.addmm(x, found, layer.own_output)
             x = torch.layer_norm(x, width, *layer.own_norm, NORMALISATION_EPSILON)
-            scores = torch.baddbmm(layer.shown, x, layer.asked)
-            attention = softmax(scores.view(looked), -1).view(scores.shape)
-            x = torch.baddbmm(x, attention, layer.told)
+            scores = added(layer.shown, x, layer.asked)
+            attention = torch.softmax(scores.view(looked), -1).view(scores.shape)
+            x = added(x, attention, layer.told)
             x = torch.layer_norm(x, width, *layer.source_norm, NORMALISATION_EPSILON)
-            x = x + linear(relu(linear(x, *layer.wide)), *layer.narrow)
+            x = torch.addmm(x, torch.addmm(layer.wide[1], x, layer.wide[0]).relu_(), layer.narrow)
             x = torch.layer_norm(x, width, *layer.wide_norm, NORMALISATION_EPSILON)
-        longer = TargetCache(tuple(pairs), cache.layers, cache.length + 1)
-        logits = linear(x[:, 0], self.output.weight, self.output.bias)
-        return logits, scores.view(looked), longer
+        logits = torch.addmm(output[1], x, output[0])
+        return logits, scores.view(looked), TargetCache(buffer, cache.decoder, here + 1)
 
 
-def _prepared(layer: _Layer, pair: Pair, shown: Float[Tensor, "b 1 ht"]) -> PreparedLayer:
-    own, source = layer.own, layer.source
+def _each_added(
+    to: Float[Tensor, "b m"], rows: Float[Tensor, "b n"], matrices: Float[Tensor, "b n m"]
+) -> Float[Tensor, "b m"]:
+    """As `addmm`, each row times a matrix of its own."""
+    return torch.baddbmm(to.unsqueeze(1), rows.unsqueeze(1), matrices).squeeze(1)
+
+
+def _prepared(
+    layer: _Layer, pair: Pair, shown: Float[Tensor, "b ht"], behind: Float[Tensor, " e"]
+) -> PreparedLayer:
+    """A layer, given the bias of the next one's output of its look at the target."""
+    own, source, wide = layer.own, layer.source, layer.wide
     keys, values = pair
     heads, size = keys.shape[1], keys.shape[3]
     queries = source.query.weight.view(heads, size, -1).transpose(1, 2)
     outputs = source.output.weight.view(-1, heads, size).permute(1, 2, 0)
+    asked = (queries @ keys.transpose(2, 3) * size**-0.5).transpose(1, 2).flatten(2)
     told = values @ outputs
     told[:, 0] += source.output.bias  # a head's attention sums to 1
+    told = told.flatten(1, 2)
+    three = torch.stack([own.query.weight * size**-0.5, own.key.weight, own.value.weight])
+    made = three.unflatten(1, (heads, size)).transpose(0, 1).flatten(0, 2)
+    one = len(shown) == 1  # one matrix for the only sentence
     return PreparedLayer(
-        own=torch.cat((own.query.weight, own.key.weight, own.value.weight)),
-        own_output=(own.output.weight, own.output.bias),
+        own=_transposed(made, -made @ own.output.bias),
+        own_output=own.output.weight.T.contiguous(),
         own_norm=(layer.own_norm.weight, layer.own_norm.bias),
-        asked=(queries @ keys.transpose(2, 3) * size**-0.5).transpose(1, 2).flatten(2),
+        asked=asked[0] if one else asked,
         shown=shown,
-        told=told.flatten(1, 2),
-        source_norm=(layer.source_norm.weight, layer.source_norm.bias),
-        wide=(layer.wide.weight, layer.wide.bias),
-        narrow=(layer.narrow.weight, layer.narrow.bias),
-        wide_norm=(layer.wide_norm.weight, layer.wide_norm.bias),
+        told=told[0] if one else told,
+        source_norm=(layer.source_norm.weight, layer.source_norm.bias + layer.narrow.bias),
+        wide=_transposed(wide.weight, wide.bias - wide.weight @ layer.narrow.bias),
+        narrow=layer.narrow.weight.T.contiguous(),
+        wide_norm=(layer.wide_norm.weight, layer.wide_norm.bias + behind),
     )
+
+
+def _transposed(weight: Float[Tensor, "n e"], bias: Float[Tensor, " n"]) -> Parameters:
+    """As `addmm` takes them."""
+    return weight.T.contiguous(), bias
 
 
 def positions(longest: int, size: int) -> Float[Tensor, "t e"]:
