@@ -255,3 +255,24 @@ def test_a_state_is_not_resumed_under_other_settings(tmp_path):
     for name, other in others.items():
         with pytest.raises(CheckpointError, match=f"a run with {name} .*another folder"):
             fit(_model(), _batches, _losses, other.loop, folder=tmp_path, settings=other)
+
+
+def test_channels_may_lie_last_beside_filters_of_three_dimensions():
+    pictures, grids = torch.nn.Conv2d(2, 4, 3), torch.nn.Conv3d(4, 3, 1)
+
+    class Both(torch.nn.Module):
+        def __init__(self) -> None:
+            super().__init__()
+            self.pictures, self.grids = pictures, grids
+
+        def forward(self, x):
+            return self.grids(self.pictures(x)[:, :, None]).square().mean()
+
+    fit(
+        Both(),
+        lambda first: iter([torch.ones(1, 2, 5, 5)]),
+        lambda model, batch: {"square": model(batch)},
+        LoopConfig(steps=1, channels_last=True, tensorboard=False),
+    )
+    assert pictures.weight.is_contiguous(memory_format=torch.channels_last)
+    assert not pictures.weight.is_contiguous() and grids.weight.is_contiguous()

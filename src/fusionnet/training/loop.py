@@ -137,8 +137,10 @@ def fit(
             f"devices and the precision {config.precision!r}: {error}"
         ) from None
     fabric.launch()
-    if config.channels_last:
-        model.to(memory_format=torch.channels_last)
+    if config.channels_last:  # of filters of pictures, not of those of three dimensions
+        for parameter in model.parameters():
+            if parameter.dim() == 4:
+                parameter.data = parameter.data.contiguous(memory_format=torch.channels_last)
     model.to(fabric.device)
     weighting = _new_weighting(config).to(fabric.device)
     optimizer = new_optimizer(config.optimizer, model, config.learning_rate)
