@@ -4,11 +4,11 @@
 
 The photographs hold no blocks: each box is a mistake. Then they are calibrated, blocks are drawn
 upon their boards (at most three high, and only where the photograph shows them whole), and their
-boxes are looked for around the board.
+boxes are looked for in all of the photograph, as `fusionnet detect` does where no table is seen.
 """
 
 import json
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -17,8 +17,7 @@ import numpy as np
 import torch
 import tyro
 
-from fusionnet.blocks import BLOCK_SIZE, GRID, Cell, Layout
-from fusionnet.dataset.frame import PictureFrame
+from fusionnet.blocks import BLOCK_SIZE, Cell, Layout
 from fusionnet.dataset.layouts import varied_layout
 from fusionnet.dataset.pictures import LEAST_PIXELS
 from fusionnet.models.labelled_boxes import Boxes, BoxPrecision
@@ -33,9 +32,6 @@ from fusionnet.views.checkerboard import Checkerboard
 from fusionnet.views.importing import view_of
 from fusionnet.views.photographs import find_boards, picture_files
 from fusionnet.views.picture_file import read_picture
-
-MARGIN = 0.45
-"""Of the crop on each side, as a share of the extent of the grid's lowest levels."""
 
 LEVELS = 3
 """Blocks upon one another at most."""
@@ -82,36 +78,6 @@ def _shown(cell: Cell, view: EnvironmentalView) -> bool:
     return bool(((pixels >= 0) & (pixels <= size)).all())
 
 
-def framed(view: EnvironmentalView, frame: PictureFrame) -> tuple[EnvironmentalView, PictureFrame]:
-    """The view with a grey border, and a crop that shows blocks as large as views of rooms do.
-
-    There all eight levels of the grid fit into the network's input; here they would not fit
-    into the photograph, so that there is a border and the crop has a wide margin.
-    """
-    height, width = view.image.shape[:2]
-    grey = (127, 127, 127)
-    image = cv2.copyMakeBorder(
-        view.image, height, height, width, width, cv2.BORDER_CONSTANT, value=grey
-    )
-    matrix = view.matrix.copy()
-    matrix[:2, 2] += [width, height]
-    wide = replace(view, image=image, matrix=matrix)
-    ends, tall = (0.0, GRID * BLOCK_SIZE), (0.0, LEVELS * BLOCK_SIZE)
-    corners = np.array([[x, y, z] for x in ends for y in ends for z in tall])
-    pixels = wide.camera.project(corners) + 0.5
-    low, high = pixels.min(axis=0), pixels.max(axis=0)
-    wanted = np.array(frame.input_size, dtype=float)
-    half = wanted * ((high - low) / wanted).max() * (0.5 + MARGIN)
-    size = np.array(image.shape[1::-1])
-    start = np.clip((low + high) / 2 - half, 0, size - 8).astype(int)
-    end = np.clip((low + high) / 2 + half, start + 8, size).astype(int)
-    crop = (int(start[0]), int(start[1]), int(end[0]), int(end[1]))
-    shown = PictureFrame(
-        eye_size=(int(size[0]), int(size[1])), crop=crop, input_size=frame.input_size
-    )
-    return wide, shown
-
-
 def overlaid(config: Config, model: RetinaNet) -> tuple[dict[str, Any], list[np.ndarray]]:
     """Precision of the box head upon calibrated photographs, and pictures of what it found."""
     calibration = calibrate(
@@ -119,32 +85,28 @@ def overlaid(config: Config, model: RetinaNet) -> tuple[dict[str, Any], list[np.
         Checkerboard(*config.board, config.square),
     )
     environment = calibration.environments[0]
-    width, height = calibration.size
-    renderer = OverlayRenderer((3 * width, 3 * height))
+    renderer = OverlayRenderer(calibration.size)
     strict, lenient, pictures, shown = BoxPrecision(), BoxPrecision(), [], 0
     for row, photograph in enumerate(environment.used):
-        alone = view_of(calibration, environment, photograph)
-        view, frame = framed(alone, model.frame)
+        view = view_of(calibration, environment, photograph)
         for turn in range(config.layouts):
-            layout = low_layout(config.seed, row * config.layouts + turn, alone)
+            layout = low_layout(config.seed, row * config.layouts + turn, view)
             seen = renderer.view(layout, view)
             kept = seen.visible[seen.indices] >= LEAST_PIXELS
-            boxes = np.clip(frame.to_input(seen.boxes), 0, np.tile(frame.input_size, 2))
-            kept &= (boxes[:, 2:] - boxes[:, :2]).min(axis=1) > 1
             truth = Boxes(
-                torch.from_numpy(boxes[kept]).float(),
+                torch.from_numpy(seen.boxes[kept]).float(),
                 torch.from_numpy(seen.classes[kept]),
                 torch.ones(int(kept.sum())),
             )
-            prepared = frame.prepare(seen.image)
-            found = model.detect_prepared(prepared)
+            found = model.detect(seen.image)
             strict.update(found, truth)
             lenient.update(found, truth, torch.from_numpy(seen.mostly_hidden[kept]))
             shown += 1
             if turn == 0:
+                drawn = seen.image.copy()
                 for box in found.xyxy[found.scores >= LEAST_SCORE].int().tolist():
-                    cv2.rectangle(prepared, box[:2], box[2:], (255, 0, 255), 1)
-                pictures.append(prepared)
+                    cv2.rectangle(drawn, box[:2], box[2:], (255, 0, 255), 1)
+                pictures.append(drawn)
     numbers = {
         "photographs": len(environment.used),
         "n": shown,
