@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dataset_fixtures import small_plan, small_sources
-from fusionnet.blocks import EMPTY, Block, Cell, Color, Layout, Shape, validate
+from fusionnet.blocks import BLOCK_SIZE, EMPTY, Block, Cell, Color, Layout, Shape, validate
 from fusionnet.dataset.build import build
 from fusionnet.dataset.layouts import varied_layout
 from fusionnet.dataset.pictures import EYE_FRAME, label
@@ -130,7 +130,8 @@ def test_layouts_are_learnt_through_the_eye_alone(stored, model):
     deviation = model.pose_head.target(batch.matrix, batch.camera_from_board)
     outputs = model(batch.images, deviation)
     assert len(outputs["occupancy"][0]) == len(by_eye)
-    assert set(model.losses(outputs, batch)) == {"class", "box", "pose", "occupancy", "holding"}
+    eyes = {"pose", "occupancy", "first_look", "offset", "holding"}
+    assert set(model.losses(outputs, batch)) == {"class", "box"} | eyes
     views = collate([s for s in samples if not s[1].by_eye])
     outputs = model(views.images, torch.zeros(0, 7))
     assert set(model.losses(outputs, views)) == {"class", "box"}
@@ -142,10 +143,11 @@ def test_a_detector_starts_from_another(tmp_path, model):
     assert start_from(other, tmp_path / "detector") == []
     for ours, theirs in zip(other.parameters(), model.parameters(), strict=True):
         torch.testing.assert_close(ours, theirs)
-    plain = RetinaNet(dataclasses.replace(model.config, detail=0, reasoning=2))
+    plain = RetinaNet(dataclasses.replace(model.config, detail=0, reasoning=2, second_look=0))
     plain.save(tmp_path / "plain", {}, half=False)
     left = start_from(other, tmp_path / "plain")
-    assert "occupancy_head.embed_detail.weight" in left and len(left) < 20
+    assert "occupancy_head.embed_detail.weight" in left and "occupancy_head.look.weight" in left
+    assert len(left) < 50
     image = torch.randint(0, 255, (1, *SHAPE), dtype=torch.uint8)
     with torch.inference_mode():  # what is new begins as the identity
         found, wanted = other.eval()(image), plain.eval()(image)
@@ -203,9 +205,72 @@ def test_slivers_count_more_than_what_is_hidden_or_plain_to_see(model):
     losses = []
     for pixels in ((0, 0, 0), (0, occupancy.SLIVER[0], occupancy.SLIVER[1])):
         visible[0, :3] = torch.tensor(pixels)
-        losses.append(float(head.losses((logits, held), cells, visible, held)["occupancy"]))
+        losses.append(
+            float(
+                head.losses(occupancy.CellOutputs((logits,), held), cells, visible, held)[
+                    "occupancy"
+                ]
+            )
+        )
     entropy = math.log(17)
     assert losses == pytest.approx([3 * entropy, (2 + occupancy.SLIVER_WEIGHT) * entropy], rel=1e-4)
+
+
+def test_the_camera_sees_what_no_filled_cell_hides(model):
+    head = model.occupancy_head
+    viewpoint = torch.tensor([[-6.2, 2.9, 11.3]]) * BLOCK_SIZE  # about where the left eye is
+    empty = torch.zeros(1, 512)
+    alone = head.visibility(empty, viewpoint)[0]
+    front, top, sides = alone.split([25, 25, 12], dim=1)
+    assert (front == 1).all() and (top == 1).all()
+    left, right = sides.view(8, 8, 8, 2, 2, 3).movedim(4, 0)
+    assert (left[:, 3:] == 1).all() and (left[:, :2] == 0).all()  # of cells on the other side
+    assert (right[:, :2] == 1).all() and (right[:, 3:] == 0).all()
+    tower = empty.view(1, 8, 8, 8).clone()
+    tower[0, 2, 3, :4] = torch.tensor([1.0, 1.0, 1.0, 0.6])
+    seen = head.visibility(tower.flatten(1), viewpoint)[0].view(8, 8, 8, -1)
+    assert (seen[3, 3, 0, :25] == 0).all()  # behind it, upon the board
+    assert (seen[2, 3, :4, :25] == 1).all()
+    assert (seen[:2] == alone.view(8, 8, 8, -1)[:2]).all()  # before it
+    assert 0.4 == pytest.approx(float(seen[3, 3, 3, 12]))  # the middle of a front
+
+
+def test_a_second_look_begins_as_the_first(model):
+    image = torch.randint(0, 255, (1, *SHAPE), dtype=torch.uint8)
+    with torch.inference_mode():
+        cells = model(image)["cells"]
+    first, second = cells.looks
+    torch.testing.assert_close(first, second)
+    assert cells.offsets.shape == (1, 512, 3) and (cells.offsets == 0).all()
+
+
+def test_offsets_are_learnt_of_blocks_that_can_be_seen(model):
+    head, cells = model.occupancy_head, torch.full((1, 512), EMPTY)
+    cells[0, :2] = 4
+    visible = torch.zeros(1, 512, dtype=torch.long)
+    visible[0, 0], wanted = 500, torch.full((1, 512, 3), 2.0)
+    outputs = occupancy.CellOutputs((torch.zeros(1, 512, 17),), torch.zeros(1), wanted - 1)
+    losses = head.losses(outputs, cells, visible, torch.zeros(1), wanted)
+    assert float(losses["offset"]) == pytest.approx(1.5)  # smooth L1 of 1, thrice, of one block
+
+
+def test_stored_pictures_tell_how_far_blocks_stand_beside_their_cells(stored, model):
+    pictures = StoredPictures(stored, "train")
+    for index in range(len(pictures)):
+        sample, labels = pictures.samples[index], pictures[index][1]
+        if not labels.by_eye:
+            assert (labels.offsets == 0).all()
+            continue
+        look = Appearance.sample(generator(sample["seed"], "look"))
+        places = sample["block_cells"]
+        np.testing.assert_array_equal(labels.offsets[places, :2], look.block_shifts[: len(places)])
+        np.testing.assert_array_equal(labels.offsets[places, 2], look.block_turns[: len(places)])
+        assert (labels.offsets[labels.cells == EMPTY] == 0).all()
+        batch = collate([pictures[index]])
+        truth = model.pose_head.target(batch.matrix, batch.camera_from_board)
+        wanted = model._offsets(truth, truth, batch)[0]
+        filled = torch.from_numpy(labels.cells != EMPTY)
+        assert (wanted[~filled].abs() < 1e-3).all() and 0.1 < wanted[filled].abs().mean() < 2.0
 
 
 def test_half_precision_does_not_displace_pixels(model):

@@ -7,11 +7,13 @@ from torchvision.ops import box_iou
 
 from fusionnet.blocks import CLASS_NAMES, Block, Cell, Color, Layout, Shape
 from fusionnet.dataset.layouts import varied_layout
+from fusionnet.dataset.pictures import block_offsets
 from fusionnet.geometry import apply, invert
 from fusionnet.models.heads.boxes import Boxes
-from fusionnet.models.projected_boxes import projected_boxes, with_leftovers
+from fusionnet.models.projected_boxes import IN_THE_MIDDLE, projected_boxes, with_leftovers
 from fusionnet.randomness import generator
-from fusionnet.simulation import SceneRenderer
+from fusionnet.simulation import Appearance, SceneRenderer
+from fusionnet.simulation.tabletop import cell_center
 
 SIZE = (960, 540)
 
@@ -21,13 +23,17 @@ def renderer():
     return SceneRenderer("nico", size=SIZE)
 
 
-def explained(renderer, cells):
+def explained(renderer, cells, offsets=IN_THE_MIDDLE):
     """The boxes of a soft layout through the nominal left eye."""
     camera, board = renderer.camera("left_eye"), renderer.robot.robot_from_board
     viewpoint = apply(invert(board), camera.position[None])[0]
-    return projected_boxes(
-        cells, lambda points: camera.project(apply(board, points)) + 0.5, viewpoint, SIZE
-    )
+    return projected_boxes(cells, project_by(renderer), viewpoint, SIZE, offsets)
+
+
+def project_by(renderer):
+    """From the board's frame to the left eye's pixels."""
+    camera, board = renderer.camera("left_eye"), renderer.robot.robot_from_board
+    return lambda points: camera.project(apply(board, points)) + 0.5
 
 
 def certain(layout):
@@ -49,6 +55,35 @@ def test_boxes_are_those_of_the_renderer(renderer, seed):
     assert (overlaps.amax(dim=1)[shown] > 0.7).float().mean() > 0.85
     assert abs(len(found.scores) - int((view.visible >= 12).sum())) <= 3
     torch.testing.assert_close(found.scores, torch.ones(len(found.scores)))
+
+
+def test_blocks_beside_their_cells_are_drawn_where_they_are(renderer):
+    layout = Layout(
+        tuple(
+            Block(Color.RED, Shape.CUBE, Cell(x, y, z))
+            for x in range(0, 8, 2)
+            for y in range(1, 8, 3)
+            for z in range(2)
+        )
+    )
+    rng, count = generator(0, "beside"), len(layout.blocks)
+    look = Appearance(
+        block_shifts=rng.uniform(-0.003, 0.003, (count, 2)), block_turns=rng.normal(0, 0.06, count)
+    )
+    view = renderer.view(layout, appearance=look)
+    beside = block_offsets(layout, look)
+    cells, project = [b.cell.index for b in layout.blocks], project_by(renderer)
+    middles = np.array([cell_center(b.cell) for b in layout.blocks])
+    moved = project(middles + np.pad(look.block_shifts, ((0, 0), (0, 1)))) - project(middles)
+    beside[cells, :2] = moved
+    shown = torch.from_numpy(view.visible[view.indices] >= 60)
+    truth = torch.from_numpy(view.boxes)[shown]
+
+    def overlap(offsets):
+        return box_iou(truth, explained(renderer, certain(layout), offsets).xyxy).amax(dim=1)
+
+    assert overlap(beside).mean() > 0.93 > 0.85 > overlap(IN_THE_MIDDLE).mean()
+    assert overlap(beside).min() > 0.8
 
 
 def test_a_doubtful_block_gives_a_box_and_hides_nothing(renderer):

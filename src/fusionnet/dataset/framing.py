@@ -4,6 +4,7 @@ Through one of the robot's eyes it is the eye's fixed crop; in an environmental 
 the 8x8x8 grid appears, with a margin (thesis 6.1).
 """
 
+import json
 from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
@@ -12,10 +13,17 @@ import cv2
 import numpy as np
 from jaxtyping import Float, UInt8
 
-from fusionnet.blocks import BLOCK_SIZE, EMPTY, GRID
+from fusionnet.blocks import BLOCK_SIZE, EMPTY, GRID, layout_from_json
 from fusionnet.dataset.frame import PictureFrame
-from fusionnet.dataset.pictures import EYE_FRAME, EYE_FRAMES, LEAST_PIXELS, Labels
+from fusionnet.dataset.pictures import (
+    EYE_FRAME,
+    EYE_FRAMES,
+    LEAST_PIXELS,
+    Labels,
+    block_offsets,
+)
 from fusionnet.dataset.recipes import EYE
+from fusionnet.dataset.shots import DISPLACED, eye_look
 from fusionnet.errors import DataError, InputError
 
 MARGIN = 0.06
@@ -124,11 +132,19 @@ def labels_of(sample: Mapping[str, Any], frame: PictureFrame) -> Labels:
         hidden=np.asarray(sample["box_hidden"], dtype=bool)[shown],
         cells=cells,
         visible=visible,
+        offsets=_offsets(sample) if by_known_eye(sample) else np.zeros((512, 3)),
         holding=bool(sample["holding"]),
         matrix=frame.matrix(matrix),
         camera_from_board=np.array(sample["camera"]["camera_from_board"]).reshape(4, 4),
         by_eye=by_known_eye(sample),
     )
+
+
+def _offsets(sample: Mapping[str, Any]) -> Float[np.ndarray, "512 3"]:
+    """How far blocks stand beside their cells' middles: it follows from the sample's causes."""
+    layout = layout_from_json(json.loads(sample["before"]))
+    displaced = json.loads(sample["noise"])["kind"] == DISPLACED
+    return block_offsets(layout, eye_look(layout, sample["seed"], displaced))
 
 
 def decode(

@@ -32,6 +32,8 @@ class Labels:
         hidden: Whether less than a quarter of the block in each box is visible.
         cells: Class of each of the 512 cells; `EMPTY` where there is no block.
         visible: Visible pixels (of the eye's picture) of the block in each cell.
+        offsets: How far the block in each cell stands beside the cell's middle, along x and y
+            of the board in metres, and how far it is turned about the vertical, in radians.
         holding: Whether the gripper holds a block.
         matrix: Intrinsics for the network's input.
         camera_from_board: Pose of the eye.
@@ -43,10 +45,20 @@ class Labels:
     hidden: Bool[np.ndarray, " n"]
     cells: Int[np.ndarray, "512"]
     visible: Int[np.ndarray, "512"]
+    offsets: Float[np.ndarray, "512 3"]
     holding: bool
     matrix: Float[np.ndarray, "3 3"]
     camera_from_board: Float[np.ndarray, "4 4"]
     by_eye: bool = True
+
+
+def block_offsets(layout: Layout, look: Appearance) -> Float[np.ndarray, "512 3"]:
+    """`Labels.offsets` of a layout's picture in a look."""
+    offsets, count = np.zeros((512, 3)), len(layout.blocks)
+    cells = [block.cell.index for block in layout.blocks]
+    offsets[cells, :2] = look.block_shifts[:count]
+    offsets[cells, 2] = look.block_turns[:count]
+    return offsets
 
 
 def label(
@@ -69,6 +81,7 @@ def label(
         hidden=view.mostly_hidden[shown],
         cells=layout.cell_classes.reshape(512),
         visible=visible,
+        offsets=block_offsets(layout, appearance),
         holding=layout.held is not None,
         matrix=frame.matrix(view.camera.matrix),
         camera_from_board=view.camera.camera_from_robot @ renderer.robot.robot_from_board,

@@ -40,8 +40,11 @@ LABEL_COLUMNS = (
     "block_classes",
     "block_pixels",
     "holding",
+    "before",
     "camera",
     "robot",
+    "noise",
+    "seed",
 )
 """What `StoredPictures` reads of a sample."""
 

@@ -21,6 +21,10 @@ FARTHEST = 0.01
 """How far blocks that are displaced stand from the middle of their cells, in metres, at most."""
 
 
+DISPLACED = "appearance and displaced blocks"
+"""What is varied in a picture whose top blocks stand beside the middle of their cells."""
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Shot:
     """One picture of a layout, what is true of it, and what it was taken with.
@@ -61,12 +65,8 @@ class Eyes:
             seed: Of the look.
             displaced: Whether top blocks stand up to `FARTHEST` beside the middle of their cells.
         """
-        look = Appearance.sample(generator(seed, "look"))
-        kind = "appearance"
-        if displaced:
-            kind = "appearance and displaced blocks"
-            shifts = displacements(layout, FARTHEST, generator(seed, "displacement"))
-            look.block_shifts[: len(shifts)] += shifts
+        look = eye_look(layout, seed, displaced)
+        kind = DISPLACED if displaced else "appearance"
         view = self._renderer.view(layout, camera=camera, appearance=look, masks=True)
         board = self._renderer.robot.robot_from_board
         return Shot(
@@ -75,6 +75,15 @@ class Eyes:
             environment=SIMULATION,
             noise=json.dumps({"kind": kind, **_short_values(look)}),
         )
+
+
+def eye_look(layout: Layout, seed: int, displaced: bool) -> Appearance:
+    """The look in which `Eyes.shot` shows a layout."""
+    look = Appearance.sample(generator(seed, "look"))
+    if displaced:
+        shifts = displacements(layout, FARTHEST, generator(seed, "displacement"))
+        look.block_shifts[: len(shifts)] += shifts
+    return look
 
 
 class Photographs:

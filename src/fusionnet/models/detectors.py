@@ -31,6 +31,7 @@ class RetinaNetConfig:
         fusion_nodes: Nodes an anchor for FusionNet; 0 for no fusion subnet.
         detail: Channels that the occupancy head gathers at stride 2; 0 for none.
         reasoning: Blocks of three-dimensional convolutions of that head.
+        second_look: Such blocks behind its second look; 0 for none.
         temperature: Divides the logits of the cells, so that probabilities are calibrated
             (Guo et al. 2017, On calibration of modern neural networks).
         matrix: Nominal intrinsics of the eye (3x3), in pixels of the eye's picture; without
@@ -50,6 +51,7 @@ class RetinaNetConfig:
     fusion_nodes: int = 0
     detail: int = 0
     reasoning: int = 2
+    second_look: int = 0
     temperature: float = 1.0
     matrix: Matrix | None = None
     camera_from_board: Matrix | None = None
@@ -69,8 +71,11 @@ class RetinaNetConfig:
             raise InputError(
                 "The small pyramid goes with no fusion subnet, nor the thesis's start."
             )
-        if min(self.fusion_nodes, self.detail) < 0 or min(self.width, self.reasoning) < 1:
-            raise InputError(f"width and reasoning >= 1, fusion_nodes and detail >= 0; got {self}")
+        least = min(self.fusion_nodes, self.detail, self.second_look)
+        if least < 0 or min(self.width, self.reasoning) < 1:
+            raise InputError(
+                f"width and reasoning >= 1, fusion_nodes, detail and second_look >= 0; got {self}"
+            )
         if not self.temperature > 0.0:
             raise InputError(f"A temperature is positive; got {self.temperature}.")
         if self.detail and self.pyramid != "small":
@@ -109,6 +114,7 @@ def compact(
         boxes=BoxConfig(depth=2, sizes=((14.0, 24.0, 38.0),)),
         detail=16,
         reasoning=4,
+        second_look=2,
         matrix=_matrix(matrix),
         camera_from_board=_matrix(camera_from_board),
     )

@@ -35,6 +35,9 @@ _SHAPES = tuple(Shape)
 FRACTION = 4
 """Bits of a pixel's fraction where OpenCV draws."""
 
+IN_THE_MIDDLE = np.zeros((GRID**3, 3))
+"""Offsets of blocks none of which stands beside the middle of its cell, nor is turned."""
+
 Project = Callable[[Float[np.ndarray, "n 3"]], Float[np.ndarray, "n 2"]]
 
 
@@ -43,6 +46,7 @@ def projected_boxes(
     project: Project,
     viewpoint: Float[np.ndarray, "3"],
     size: tuple[int, int],
+    offsets: Float[np.ndarray, "512 3"] = IN_THE_MIDDLE,
 ) -> Boxes:
     """Boxes of all blocks that the occupancy holds for possible, scored by its probabilities.
 
@@ -55,6 +59,8 @@ def projected_boxes(
         project: From points of the board frame (metres) to pixels of the picture.
         viewpoint: Where the camera stands, in the board frame (metres).
         size: Width and height of the picture, in pixels.
+        offsets: How far from the middle of each cell its block appears, in pixels of the
+            picture, and how far it is turned about the vertical, in radians; by default not.
     """
     possible = np.flatnonzero(cells[:, :EMPTY].max(axis=1) >= SCORE)
     if not len(possible):
@@ -63,7 +69,7 @@ def projected_boxes(
     there = cells[possible, EMPTY] < 0.5
     by_shape = cells[possible, :EMPTY].reshape(-1, len(_SHAPES), COLORS)
     shapes = by_shape.sum(axis=2).argmax(axis=1)
-    drawings = [outlines(possible, shape, project) for shape in _SHAPES]
+    drawings = [outlines(possible, shape, project, offsets) for shape in _SHAPES]
     picture = np.zeros((size[1], size[0]), np.int32)
     for number in np.flatnonzero(there):
         outline = drawings[shapes[number]][number]
@@ -110,12 +116,17 @@ def far_to_near(
 
 
 def outlines(
-    cells: Int[np.ndarray, " n"], shape: Shape, project: Project
+    cells: Int[np.ndarray, " n"],
+    shape: Shape,
+    project: Project,
+    offsets: Float[np.ndarray, "512 3"] = IN_THE_MIDDLE,
 ) -> list[Int[np.ndarray, "k 2"]]:
-    """The convex outlines of blocks of a shape, as `drawable` points."""
+    """The convex outlines of blocks of a shape beside their cells, as `drawable` points."""
     blocks = tuple(Block(Color.RED, shape, Cell.from_index(int(cell))) for cell in cells)
-    corners = drawn_corners(blocks, ideal_poses(blocks, np.eye(4)))
+    poses = ideal_poses(blocks, np.eye(4), turns=offsets[cells, 2])
+    corners = drawn_corners(blocks, poses)
     pixels = project(corners.reshape(-1, 3)).reshape(len(blocks), -1, 2)
+    pixels += offsets[cells, None, :2]
     return [cv2.convexHull(points)[:, 0] for points in drawable(pixels)]
 
 

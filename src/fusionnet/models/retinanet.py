@@ -28,8 +28,8 @@ from fusionnet.models.detectors import RetinaNetConfig
 from fusionnet.models.heads.boxes import Boxes, BoxHead
 from fusionnet.models.heads.camera_pose import CameraPose
 from fusionnet.models.heads.fusion_nodes import FusionNodes
-from fusionnet.models.heads.occupancy import Occupancy
-from fusionnet.models.projected_boxes import projected_boxes, with_leftovers
+from fusionnet.models.heads.occupancy import TURN, Occupancy
+from fusionnet.models.projected_boxes import IN_THE_MIDDLE, projected_boxes, with_leftovers
 from fusionnet.models.pyramid import FeaturePyramid, initialise, level_strides
 from fusionnet.models.sight import Batch, BoxBatch, Sight
 
@@ -101,6 +101,7 @@ class RetinaNet(nn.Module):
             blocks=config.reasoning,
             stem_channels=self.backbone.stem_channels if config.detail else 0,
             detail=config.detail,
+            second=config.second_look,
         )
 
     def train(self, mode: bool = True) -> "RetinaNet":
@@ -136,7 +137,10 @@ class RetinaNet(nn.Module):
             outputs["pose"] = pose = self.pose_head(fine, coarse)
             used = pose[-1] if deviation is None else deviation
             pixels = self.pose_head.project(used, self.occupancy_head.points)
-            outputs["occupancy"] = self.occupancy_head(fine, coarse, pixels, stem)
+            viewpoint = self.pose_head.viewpoint(used)
+            cells = self.occupancy_head(fine, coarse, pixels, stem, viewpoint)
+            outputs["occupancy"] = cells.looks[-1], cells.held
+            outputs["cells"], outputs["used_pose"] = cells, used
         return outputs
 
     def levels(self, images: UInt8[Tensor, "b h w 3"]) -> list[Float[Tensor, "b c _ _"]]:
@@ -178,9 +182,23 @@ class RetinaNet(nn.Module):
             target = self.pose_head.target(batch.matrix, batch.camera_from_board)
             losses |= self.pose_head.losses(outputs["pose"], target)
             losses |= self.occupancy_head.losses(
-                outputs["occupancy"], batch.cells, batch.visible, batch.holding
+                outputs["cells"],
+                batch.cells,
+                batch.visible,
+                batch.holding,
+                self._offsets(target, outputs["used_pose"], batch),
             )
         return losses
+
+    def _offsets(
+        self, truth: Float[Tensor, "b 7"], used: Float[Tensor, "b 7"], batch: Batch
+    ) -> Float[Tensor, "b 512 3"]:
+        """Where the blocks are, from where the camera that was used shows their cells."""
+        middles = self.occupancy_head.middles
+        shifts = nn.functional.pad(batch.offsets[..., :2], (0, 1))
+        seen = self.pose_head.project(truth, middles + shifts)
+        pixels = seen - self.pose_head.project(used.detach(), middles)
+        return torch.cat([pixels, batch.offsets[..., 2:] / TURN], dim=2)
 
     def see(self, image: UInt8[np.ndarray, "h w 3"]) -> Sight:
         """Everything that the network reads from one picture of the eye, of any size."""
@@ -217,7 +235,10 @@ class RetinaNet(nn.Module):
 
         left, top, right, bottom = self.frame.crop
         size, viewpoint = (right - left, bottom - top), head.viewpoint(pose)[0].numpy()
-        explained = projected_boxes(cells, project, viewpoint, size)
+        offsets = IN_THE_MIDDLE
+        if outputs["cells"].offsets is not None:
+            offsets = outputs["cells"].offsets[0].double().numpy() * [*(1 / scale), TURN]
+        explained = projected_boxes(cells, project, viewpoint, size, offsets)
         explained.xyxy += torch.tensor([left, top, left, top])
         return Sight(
             boxes=with_leftovers(explained, detected),

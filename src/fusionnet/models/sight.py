@@ -34,6 +34,8 @@ class Batch(BoxBatch):
     Attributes:
         cells: Class of each of the 512 cells (16 is empty).
         visible: Pixels of the eye's picture in which the block of each cell is seen.
+        offsets: How far each block stands beside its cell's middle, along x and y of the board
+            (metres), and how far it is turned about the vertical (radians).
         holding: 1 where the gripper holds a block.
         matrix: Intrinsics for the input.
         camera_from_board: Pose of the camera.
@@ -42,6 +44,7 @@ class Batch(BoxBatch):
 
     cells: Int[Tensor, "n 512"]
     visible: Int[Tensor, "n 512"]
+    offsets: Float[Tensor, "n 512 3"]
     holding: Float[Tensor, " n"]
     matrix: Float[Tensor, "n 3 3"]
     camera_from_board: Float[Tensor, "n 4 4"]

@@ -34,7 +34,15 @@ from fusionnet.training.picture_variation import varied
 
 log = logging.getLogger(__name__)
 
-LOSS_WEIGHTS = {"class": 1.0, "box": 1.0, "pose": 0.3, "occupancy": 0.2, "holding": 1.0}
+LOSS_WEIGHTS = {
+    "class": 1.0,
+    "box": 1.0,
+    "pose": 0.3,
+    "occupancy": 0.2,
+    "first_look": 0.05,
+    "offset": 1.0,
+    "holding": 1.0,
+}
 """Fixed factors that bring the losses to like sizes after the first epoch."""
 
 
@@ -223,6 +231,7 @@ def collate(
         ],
         cells=_stacked([t.cells for t in read], (512,)).long(),
         visible=_stacked([t.visible for t in read], (512,)).long(),
+        offsets=_stacked([t.offsets for t in read], (512, 3)).float(),
         holding=torch.tensor([float(t.holding) for t in read]),
         matrix=_stacked([t.matrix for t in read], (3, 3)).float(),
         camera_from_board=_stacked([t.camera_from_board for t in read], (4, 4)).float(),

@@ -31,6 +31,7 @@ def _nothing() -> Labels:
         hidden=np.zeros(0, dtype=bool),
         cells=np.full(512, EMPTY),
         visible=np.zeros(512, dtype=int),
+        offsets=np.zeros((512, 3)),
         holding=False,
         matrix=np.eye(3),
         camera_from_board=np.eye(4),

@@ -92,9 +92,14 @@ class CameraPose(nn.Module):
         return [first, second]
 
     def project(
-        self, deviation: Float[Tensor, "b 7"], points: Float[Tensor, "n 3"]
+        self,
+        deviation: Float[Tensor, "b 7"],
+        points: Float[Tensor, "n 3"] | Float[Tensor, "b n 3"],
     ) -> Float[Tensor, "b n 2"]:
-        """Pixels (column, row) of the network's input where points of the board frame appear."""
+        """Pixels (column, row) of the network's input where points of the board frame appear.
+
+        Points are the same for all pictures, or each picture's own.
+        """
         with torch.autocast(deviation.device.type, enabled=False):
             return self._project(deviation.float(), points)
 
