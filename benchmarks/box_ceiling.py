@@ -1,0 +1,115 @@
+"""What keeps the boxes that a layout explains from being exact: cells, camera or offsets.
+
+    python benchmarks/box_ceiling.py --data DIR --pictures 40
+
+Pictures of one part of the treebank are read; then cells, camera and offsets of the blocks are
+put in as they are in truth, one after the other, and the boxes are drawn anew. What is left with
+all three true is the drawing's own error.
+"""
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+import tyro
+
+from fusionnet.blocks import EMPTY
+from fusionnet.corpora import Part, load_corpus
+from fusionnet.dataset.pictures import label
+from fusionnet.models.heads.occupancy import TURN
+from fusionnet.models.labelled_boxes import Boxes, BoxPrecision
+from fusionnet.models.projected_boxes import IN_THE_MIDDLE, projected_boxes
+from fusionnet.models.retinanet import RetinaNet
+from fusionnet.policy import detector_folder
+from fusionnet.provenance import provenance
+from fusionnet.randomness import generator
+from fusionnet.simulation import Appearance, SceneRenderer
+
+
+@dataclass(frozen=True, kw_only=True)
+class Config:
+    """What to look at.
+
+    Attributes:
+        data: Folder of the treebank.
+        split: Its part.
+        pictures: How many.
+        checkpoint: A shipped name, or a folder that holds the checkpoint `detector`.
+        seed: Of the looks.
+    """
+
+    data: Path
+    split: Part = "val"
+    pictures: int = 40
+    checkpoint: str = "compact"
+    seed: int = 7
+
+
+@torch.inference_mode()
+def main(config: Config) -> None:
+    """Measure, and print one JSON object."""
+    torch.set_num_threads(1)
+    model = RetinaNet.from_folder(detector_folder(config.checkpoint))
+    pose, frame = model.pose_head, model.frame
+    middles = model.occupancy_head.middles
+    scenes = [c.scene for c in load_corpus("treebank", config.data).split(config.split)]
+    layouts = list({id(layout): layout for s in scenes for layout in (s.before, s.after)}.values())
+    renderer = SceneRenderer("nico", size=frame.eye_size)
+    left, top, right, bottom = frame.crop
+    found: dict[str, BoxPrecision] = {}
+    for index in range(config.pictures):
+        look = Appearance.sample(generator(config.seed, "detection", config.split, index))
+        picture, truth = label(renderer, layouts[index % len(layouts)], look, frame)
+        outputs = model(torch.from_numpy(picture)[None])
+        logits = outputs["occupancy"][0][0].double() / model.config.temperature
+        matrix = torch.from_numpy(truth.matrix)[None].float()
+        camera = pose.target(matrix, torch.from_numpy(truth.camera_from_board)[None].float())
+        shifts = torch.from_numpy(np.pad(truth.offsets[:, :2], ((0, 0), (0, 1)))).float()
+        seen = (pose.project(camera, middles + shifts) - pose.project(camera, middles))[0]
+        beside = np.column_stack([seen.double().numpy() / frame.scale, truth.offsets[:, 2]])
+        read, offsets = logits.softmax(-1).numpy(), IN_THE_MIDDLE
+        if outputs["cells"].offsets is not None:
+            offsets = outputs["cells"].offsets[0].double().numpy() * [*(1 / frame.scale), TURN]
+        true, estimated = np.eye(EMPTY + 1)[truth.cells], outputs["pose"][-1]
+        wanted = Boxes(
+            torch.from_numpy(truth.boxes).float(),
+            torch.from_numpy(truth.classes),
+            torch.ones(len(truth.classes)),
+        )
+        for name, cells, deviation, moved in (
+            ("read", read, estimated, offsets),
+            ("read, blocks in the middle", read, estimated, IN_THE_MIDDLE),
+            ("true cells", true, estimated, offsets),
+            ("true cells and camera, blocks in the middle", true, camera, IN_THE_MIDDLE),
+            ("true cells, camera and offsets", true, camera, beside),
+        ):
+
+            def project(points: np.ndarray, deviation: torch.Tensor = deviation) -> np.ndarray:
+                pixels = pose.project(deviation, torch.from_numpy(points).float())[0]
+                scaled: np.ndarray = pixels.double().numpy() / frame.scale
+                return scaled
+
+            viewpoint, size = pose.viewpoint(deviation)[0].numpy(), (right - left, bottom - top)
+            drawn = projected_boxes(cells, project, viewpoint, size, moved)
+            eye = drawn.xyxy.double().numpy() + [left, top, left, top]
+            boxes = Boxes(torch.from_numpy(frame.to_input(eye)), drawn.classes, drawn.scores)
+            found.setdefault(name, BoxPrecision()).update(boxes, wanted)
+    numbers: dict[str, Any] = {name: precision.compute() for name, precision in found.items()}
+    report = {
+        "command": "python benchmarks/box_ceiling.py --data DIR",
+        "split": config.split,
+        "n": config.pictures,
+        "precision": {
+            name: {key: value[key] for key in ("map_50", "map_50_95")}
+            for name, value in numbers.items()
+        },
+        **provenance(),
+    }
+    print(json.dumps(report, indent=1))
+
+
+if __name__ == "__main__":
+    main(tyro.cli(Config, description=__doc__))
