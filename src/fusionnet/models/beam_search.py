@@ -12,7 +12,7 @@ import numpy as np
 import torch
 from jaxtyping import Float, Int
 from torch import Tensor
-from torch.nn.functional import log_softmax, softmax
+from torch.nn.functional import softmax
 
 from fusionnet.models.translator_network import SentenceBatch, TranslatorNetwork
 from fusionnet.models.tree_symbols import END, LONGEST_RUN, NUMBERS, PADDING, START, SYMBOLS
@@ -117,7 +117,7 @@ def decode(
     wide = memory.repeated(beam)
     state = network.start(wide)
     first = torch.arange(sentences).unsqueeze(1) * beam
-    totals = torch.full((sentences, beam), -torch.inf)
+    themselves, totals = first.flatten(), torch.full((sentences, beam), -torch.inf)
     totals[:, 0] = 0
     current = torch.full((sentences * beam,), alphabet.start)
     finished = torch.zeros(sentences * beam, dtype=torch.bool)
@@ -129,12 +129,12 @@ def decode(
     some_finished = False
     for _ in range(longest + 1):
         logits, scores, state = network.step(current, state, wide)
-        gains = log_softmax(logits + never, -1)
+        gains = torch.log_softmax(logits + never, -1)
         if some_finished:
             gains = torch.where(finished.unsqueeze(1), only_padding, gains)
         if beam == 1:  # every hypothesis goes on from itself
             gained, current = gains.max(-1)
-            totals, parents = totals + gained.unsqueeze(1), first.flatten()
+            totals, parents = totals + gained.unsqueeze(1), themselves
         else:
             reached = (totals.unsqueeze(-1) + gains.unflatten(0, (sentences, beam))).flatten(1)
             totals, chosen = reached.topk(beam, dim=1)
@@ -143,8 +143,8 @@ def decode(
             state = state.rows(parents)
             finished = finished[parents]
         steps.append((parents, current, scores))
-        finished = finished | (current == alphabet.end)
-        some_finished = bool(finished.any())
+        if alphabet.end in current.tolist():
+            some_finished, finished = True, finished | (current == alphabet.end)
         if some_finished and bool(finished.view(sentences, beam)[:, :count].all()):
             break
     marks = (alphabet.end, alphabet.padding)
