@@ -19,14 +19,13 @@ import tyro
 from fusionnet.blocks import EMPTY
 from fusionnet.corpora import Part, load_corpus
 from fusionnet.dataset.pictures import label
-from fusionnet.models.heads.occupancy import TURN
 from fusionnet.models.labelled_boxes import Boxes, BoxPrecision
-from fusionnet.models.projected_boxes import IN_THE_MIDDLE, projected_boxes
 from fusionnet.models.retinanet import RetinaNet
 from fusionnet.policy import detector_folder
 from fusionnet.provenance import provenance
 from fusionnet.randomness import generator
 from fusionnet.simulation import Appearance, SceneRenderer
+from fusionnet.training.detector import collate
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -53,49 +52,31 @@ def main(config: Config) -> None:
     """Measure, and print one JSON object."""
     torch.set_num_threads(1)
     model = RetinaNet.from_folder(detector_folder(config.checkpoint))
-    pose, frame = model.pose_head, model.frame
-    middles = model.occupancy_head.middles
+    frame = model.frame
     scenes = [c.scene for c in load_corpus("treebank", config.data).split(config.split)]
     layouts = list({id(layout): layout for s in scenes for layout in (s.before, s.after)}.values())
     renderer = SceneRenderer("nico", size=frame.eye_size)
-    left, top, right, bottom = frame.crop
     found: dict[str, BoxPrecision] = {}
     for index in range(config.pictures):
         look = Appearance.sample(generator(config.seed, "detection", config.split, index))
         picture, truth = label(renderer, layouts[index % len(layouts)], look, frame)
         outputs = model(torch.from_numpy(picture)[None])
-        logits = outputs["occupancy"][0][0].double() / model.config.temperature
-        matrix = torch.from_numpy(truth.matrix)[None].float()
-        camera = pose.target(matrix, torch.from_numpy(truth.camera_from_board)[None].float())
-        shifts = torch.from_numpy(np.pad(truth.offsets[:, :2], ((0, 0), (0, 1)))).float()
-        seen = (pose.project(camera, middles + shifts) - pose.project(camera, middles))[0]
-        beside = np.column_stack([seen.double().numpy() / frame.scale, truth.offsets[:, 2]])
-        read, offsets = logits.softmax(-1).numpy(), IN_THE_MIDDLE
-        if outputs["cells"].offsets is not None:
-            offsets = outputs["cells"].offsets[0].double().numpy() * [*(1 / frame.scale), TURN]
-        true, estimated = np.eye(EMPTY + 1)[truth.cells], outputs["pose"][-1]
-        wanted = Boxes(
-            torch.from_numpy(truth.boxes).float(),
-            torch.from_numpy(truth.classes),
-            torch.ones(len(truth.classes)),
-        )
-        for name, cells, deviation, moved in (
+        logits = outputs["cells"].logits[0].double() / model.config.temperature
+        batch, estimated = collate([(picture, truth)]), outputs["pose"][-1]
+        camera = model.pose_head.target(batch.matrix, batch.camera_from_board)
+        read, offsets = logits.softmax(-1).numpy(), outputs["cells"].offsets
+        true, beside = np.eye(EMPTY + 1)[truth.cells], model.offsets(camera, camera, batch)
+        wanted = batch.boxes[0]
+        for name, cells, pose, moved in (
             ("read", read, estimated, offsets),
-            ("read, blocks in the middle", read, estimated, IN_THE_MIDDLE),
+            ("read, blocks in the middle", read, estimated, None),
             ("true cells", true, estimated, offsets),
-            ("true cells and camera, blocks in the middle", true, camera, IN_THE_MIDDLE),
+            ("true cells and camera, blocks in the middle", true, camera, None),
             ("true cells, camera and offsets", true, camera, beside),
         ):
-
-            def project(points: np.ndarray, deviation: torch.Tensor = deviation) -> np.ndarray:
-                pixels = pose.project(deviation, torch.from_numpy(points).float())[0]
-                scaled: np.ndarray = pixels.double().numpy() / frame.scale
-                return scaled
-
-            viewpoint, size = pose.viewpoint(deviation)[0].numpy(), (right - left, bottom - top)
-            drawn = projected_boxes(cells, project, viewpoint, size, moved)
-            eye = drawn.xyxy.double().numpy() + [left, top, left, top]
-            boxes = Boxes(torch.from_numpy(frame.to_input(eye)), drawn.classes, drawn.scores)
+            drawn = model.explained(cells, pose, moved)
+            xyxy = torch.from_numpy(frame.to_input(drawn.xyxy.double().numpy()))
+            boxes = Boxes(xyxy, drawn.classes, drawn.scores)
             found.setdefault(name, BoxPrecision()).update(boxes, wanted)
     numbers: dict[str, Any] = {name: precision.compute() for name, precision in found.items()}
     report = {

@@ -72,7 +72,7 @@ class Tensors(nn.Module):
     def forward(self, images: Tensor) -> tuple[Tensor, ...]:
         """Logits and offsets of anchors, the camera's deviation, logits of cells and hand."""
         found = self.detector(images)
-        return *found["boxes"][:2], found["pose"][-1], *found["occupancy"]
+        return *found["boxes"][:2], found["pose"][-1], found["cells"].logits, found["cells"].held
 
 
 def eager(network: Tensors, _: Tensor) -> Call:

@@ -11,9 +11,11 @@ from hypothesis import strategies as st
 from dataset_fixtures import small_plan, small_sources
 from fusionnet.blocks import BLOCK_SIZE, EMPTY, Block, Cell, Color, Layout, Shape, validate
 from fusionnet.dataset.build import build
+from fusionnet.dataset.framing import frame_of, labels_of
 from fusionnet.dataset.layouts import varied_layout
 from fusionnet.dataset.pictures import EYE_FRAME, label
 from fusionnet.dataset.reader import StoredPictures
+from fusionnet.dataset.shots import DISPLACED, FARTHEST
 from fusionnet.errors import InputError
 from fusionnet.models import retinanet
 from fusionnet.models.heads import camera_pose, occupancy
@@ -129,7 +131,7 @@ def test_layouts_are_learnt_through_the_eye_alone(stored, model):
     np.testing.assert_array_equal(batch.cells, [labels.cells for labels in by_eye])
     deviation = model.pose_head.target(batch.matrix, batch.camera_from_board)
     outputs = model(batch.images, deviation)
-    assert len(outputs["occupancy"][0]) == len(by_eye)
+    assert len(outputs["cells"].logits) == len(by_eye)
     eyes = {"pose", "occupancy", "first_look", "offset", "holding"}
     assert set(model.losses(outputs, batch)) == {"class", "box"} | eyes
     views = collate([s for s in samples if not s[1].by_eye])
@@ -151,7 +153,7 @@ def test_a_detector_starts_from_another(tmp_path, model):
     image = torch.randint(0, 255, (1, *SHAPE), dtype=torch.uint8)
     with torch.inference_mode():  # what is new begins as the identity
         found, wanted = other.eval()(image), plain.eval()(image)
-    torch.testing.assert_close(found["occupancy"][0], wanted["occupancy"][0])
+    torch.testing.assert_close(found["cells"].logits, wanted["cells"].logits)
 
 
 def test_pictures_without_blocks_are_learnt_from(stored):
@@ -187,7 +189,8 @@ def test_the_temperature_makes_probabilities_true(stored, model, monkeypatch):
     def sure(images):
         cells = collate([pictures[0]]).cells
         said = torch.where(torch.from_numpy(wrong), (cells + 1) % 17, cells)
-        return {"occupancy": (torch.nn.functional.one_hot(said, 17) * 7.0, None)}
+        logits = torch.nn.functional.one_hot(said, 17) * 7.0
+        return {"cells": occupancy.CellOutputs((logits,), torch.zeros(1))}
 
     monkeypatch.setattr(model, "config", model.config)
     monkeypatch.setattr(model, "forward", sure)
@@ -205,13 +208,8 @@ def test_slivers_count_more_than_what_is_hidden_or_plain_to_see(model):
     losses = []
     for pixels in ((0, 0, 0), (0, occupancy.SLIVER[0], occupancy.SLIVER[1])):
         visible[0, :3] = torch.tensor(pixels)
-        losses.append(
-            float(
-                head.losses(occupancy.CellOutputs((logits,), held), cells, visible, held)[
-                    "occupancy"
-                ]
-            )
-        )
+        outputs = occupancy.CellOutputs((logits,), held)
+        losses.append(float(head.losses(outputs, cells, visible, held)["occupancy"]))
     entropy = math.log(17)
     assert losses == pytest.approx([3 * entropy, (2 + occupancy.SLIVER_WEIGHT) * entropy], rel=1e-4)
 
@@ -266,9 +264,13 @@ def test_stored_pictures_tell_how_far_blocks_stand_beside_their_cells(stored, mo
         np.testing.assert_array_equal(labels.offsets[places, :2], look.block_shifts[: len(places)])
         np.testing.assert_array_equal(labels.offsets[places, 2], look.block_turns[: len(places)])
         assert (labels.offsets[labels.cells == EMPTY] == 0).all()
+        kept, frame = labels.offsets, frame_of(sample)
+        sample["noise"] = json.dumps({"kind": DISPLACED})
+        far = np.linalg.norm((labels_of(sample, frame).offsets - kept)[:, :2], axis=1)
+        assert 0.001 < far.max() <= FARTHEST
         batch = collate([pictures[index]])
         truth = model.pose_head.target(batch.matrix, batch.camera_from_board)
-        wanted = model._offsets(truth, truth, batch)[0]
+        wanted = model.offsets(truth, truth, batch)[0]
         filled = torch.from_numpy(labels.cells != EMPTY)
         assert (wanted[~filled].abs() < 1e-3).all() and 0.1 < wanted[filled].abs().mean() < 2.0
 
@@ -352,7 +354,8 @@ def test_measures_of_a_perfect_reader(stored, model, monkeypatch):
     def perfect(images):
         logits = torch.nn.functional.one_hot(truth.cells, 17).float()
         pose = model.pose_head.target(truth.matrix, truth.camera_from_board)
-        return {"occupancy": (logits, truth.holding * 2 - 1), "pose": [pose]}
+        cells = occupancy.CellOutputs((logits,), truth.holding * 2 - 1)
+        return {"cells": cells, "pose": [pose]}
 
     monkeypatch.setattr(model, "forward", perfect)
     metrics = measure(model, pictures)

@@ -143,7 +143,7 @@ def labels_of(sample: Mapping[str, Any], frame: PictureFrame) -> Labels:
 def _offsets(sample: Mapping[str, Any]) -> Float[np.ndarray, "512 3"]:
     """How far blocks stand beside their cells' middles: it follows from the sample's causes."""
     layout = layout_from_json(json.loads(sample["before"]))
-    displaced = json.loads(sample["noise"])["kind"] == DISPLACED
+    displaced = json.loads(sample["noise"]).get("kind") == DISPLACED
     return block_offsets(layout, eye_look(layout, sample["seed"], displaced))
 
 

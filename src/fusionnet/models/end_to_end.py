@@ -103,7 +103,7 @@ class EndToEnd(nn.Module):
             taught: What the translator is to be taught besides.
         """
         seen = self.detector(images, deviation)
-        logits, held = seen["occupancy"]
+        logits, held = seen["cells"].logits, seen["cells"].held
         cells = (logits.float() / self.detector.config.temperature).softmax(-1)
         with torch.autocast(images.device.type, enabled=False):  # logarithms need every bit
             expected = self.expect(

@@ -118,7 +118,8 @@ class RetinaNet(nn.Module):
         *,
         fusion: bool = True,
     ) -> dict[str, Any]:
-        """Raw outputs of the heads that there are: `boxes`, `fusion`, `pose`, `occupancy`.
+        """Raw outputs of the heads that there are: `boxes`, `fusion`, `pose`, `cells`, and the pose
+        by which these were looked at, `used_pose`.
 
         Args:
             images: Network inputs, 0 to 255.
@@ -138,9 +139,8 @@ class RetinaNet(nn.Module):
             used = pose[-1] if deviation is None else deviation
             pixels = self.pose_head.project(used, self.occupancy_head.points)
             viewpoint = self.pose_head.viewpoint(used)
-            cells = self.occupancy_head(fine, coarse, pixels, stem, viewpoint)
-            outputs["occupancy"] = cells.looks[-1], cells.held
-            outputs["cells"], outputs["used_pose"] = cells, used
+            outputs["cells"] = self.occupancy_head(fine, coarse, pixels, stem, viewpoint)
+            outputs["used_pose"] = used
         return outputs
 
     def levels(self, images: UInt8[Tensor, "b h w 3"]) -> list[Float[Tensor, "b c _ _"]]:
@@ -186,11 +186,11 @@ class RetinaNet(nn.Module):
                 batch.cells,
                 batch.visible,
                 batch.holding,
-                self._offsets(target, outputs["used_pose"], batch),
+                self.offsets(target, outputs["used_pose"], batch),
             )
         return losses
 
-    def _offsets(
+    def offsets(
         self, truth: Float[Tensor, "b 7"], used: Float[Tensor, "b 7"], batch: Batch
     ) -> Float[Tensor, "b 512 3"]:
         """Where the blocks are, from where the camera that was used shows their cells."""
@@ -223,11 +223,36 @@ class RetinaNet(nn.Module):
         found = self.box_head.predict(outputs["boxes"])[0]
         xyxy = torch.from_numpy(self.frame.to_eye(found.xyxy.double().numpy()))
         detected = Boxes(xyxy, found.classes, found.scores)
-        logits, held = outputs["occupancy"]
-        cells = (logits[0].double() / self.config.temperature).softmax(-1).numpy()
+        read = outputs["cells"]
+        cells = (read.logits[0].double() / self.config.temperature).softmax(-1).numpy()
         pose, head = outputs["pose"][-1], self.pose_head
         corners = head.project(pose, head.landmarks)[0]
         scale, offset = self.frame.scale, np.array(self.frame.crop[:2])
+        explained = self.explained(cells, pose, read.offsets)
+        return Sight(
+            boxes=with_leftovers(explained, detected),
+            detected=detected,
+            cells=cells.reshape(8, 8, 8, -1),
+            holding=float(read.held[0].sigmoid()),
+            corners=corners.double().numpy() / scale + offset,
+            camera=self._eye(pose),
+        )
+
+    def explained(
+        self,
+        cells: Float[np.ndarray, "512 17"],
+        pose: Float[Tensor, "1 7"],
+        offsets: Float[Tensor, "1 512 3"] | None = None,
+    ) -> Boxes:
+        """`projected_boxes` of a picture, in pixels of the eye's.
+
+        Args:
+            cells: Probabilities of the classes of every cell.
+            pose: The camera, as the pose head says it.
+            offsets: Of the blocks, as the occupancy head says them; by default none stands
+                beside the middle of its cell.
+        """
+        scale, head = self.frame.scale, self.pose_head
 
         def project(points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 2"]:
             pixels = head.project(pose, torch.from_numpy(points).float())[0]
@@ -235,19 +260,12 @@ class RetinaNet(nn.Module):
 
         left, top, right, bottom = self.frame.crop
         size, viewpoint = (right - left, bottom - top), head.viewpoint(pose)[0].numpy()
-        offsets = IN_THE_MIDDLE
-        if outputs["cells"].offsets is not None:
-            offsets = outputs["cells"].offsets[0].double().numpy() * [*(1 / scale), TURN]
-        explained = projected_boxes(cells, project, viewpoint, size, offsets)
-        explained.xyxy += torch.tensor([left, top, left, top])
-        return Sight(
-            boxes=with_leftovers(explained, detected),
-            detected=detected,
-            cells=cells.reshape(8, 8, 8, -1),
-            holding=float(held[0].sigmoid()),
-            corners=corners.double().numpy() / scale + offset,
-            camera=self._eye(pose),
-        )
+        beside = IN_THE_MIDDLE
+        if offsets is not None:
+            beside = offsets[0].double().numpy() * [*(1 / scale), TURN]
+        boxes = projected_boxes(cells, project, viewpoint, size, beside)
+        boxes.xyxy += torch.tensor([left, top, left, top])
+        return boxes
 
     def _eye(self, pose: Float[Tensor, "1 7"]) -> PinholeCamera:
         """The eye's own camera, whole numbers at the centres of its pixels."""

@@ -300,7 +300,7 @@ def calibrate(model: RetinaNet, pictures: AnyPictures, most: int = 400) -> float
     for start in range(0, min(len(pictures), most), 20):
         stop = min(start + 20, len(pictures), most)
         batch = collate([pictures[i] for i in range(start, stop)])
-        found = model(batch.images)["occupancy"][0].flatten(0, 1)
+        found = model(batch.images)["cells"].logits.flatten(0, 1)
         unsure = found.softmax(-1).amax(-1) < 1 - 1e-4  # the others say nothing of it
         logits.append(found[unsure])
         cells.append(batch.cells.flatten()[unsure])
@@ -320,8 +320,8 @@ def measure(model: RetinaNet, pictures: AnyPictures, size: int = 25) -> dict[str
         samples = [pictures[i] for i in range(start, min(start + size, len(pictures)))]
         batch = collate(samples)
         outputs = model(batch.images)
-        logits, held = outputs["occupancy"]
-        guess, truth = logits.argmax(-1).numpy(), batch.cells.numpy()
+        read = outputs["cells"]
+        guess, truth = read.logits.argmax(-1).numpy(), batch.cells.numpy()
         visible = np.stack([labels.visible for _, labels in samples])
         block, right = truth != EMPTY, guess == truth
         target = model.pose_head.target(batch.matrix, batch.camera_from_board)
@@ -331,7 +331,7 @@ def measure(model: RetinaNet, pictures: AnyPictures, size: int = 25) -> dict[str
             "layout_right": right.all(axis=1),
             "phantoms": ((guess != EMPTY) & ~block).sum(axis=1),
             "pose_pixels": model.pose_head.metric(outputs["pose"], target).numpy(),
-            "holding_right": (held.numpy() > 0) == (batch.holding.numpy() > 0.5),
+            "holding_right": (read.held.numpy() > 0) == (batch.holding.numpy() > 0.5),
         }
         for name, values in found.items():
             sums.setdefault(name, []).append(np.asarray(values, dtype=float))

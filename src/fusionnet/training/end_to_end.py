@@ -261,7 +261,7 @@ def measure(model: EndToEnd, commands: EyeCommands, count: int, size: int = 20) 
             expected.target.argmax(1) == batch.target
         )
         right += int((hits & expected.answered).sum())
-        read = outputs.seen["occupancy"][0].argmax(-1)
+        read = outputs.seen["cells"].logits.argmax(-1)
         true = read == batch.seen.cells
         layouts += int(true.all(1).sum())
         filled = batch.seen.cells != EMPTY

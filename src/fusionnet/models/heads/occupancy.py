@@ -81,6 +81,11 @@ class CellOutputs(NamedTuple):
     held: Float[Tensor, " b"]
     offsets: Float[Tensor, "b 512 3"] | None = None
 
+    @property
+    def logits(self) -> Float[Tensor, "b 512 17"]:
+        """Of the 17 classes of each cell, after the last look."""
+        return self.looks[-1]
+
 
 class Occupancy(nn.Module):
     """Probabilities of 17 classes for every cell, and of a held block.
