@@ -11,7 +11,7 @@ from collections.abc import Callable
 import cv2
 import numpy as np
 import torch
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 from scipy import ndimage
 from torchvision.ops import box_iou
 
@@ -32,8 +32,8 @@ SAME = 0.4
 
 _SHAPES = tuple(Shape)
 
-FRACTION = 4
-"""Bits of a pixel's fraction where OpenCV draws."""
+Window = tuple[slice, slice]
+"""Rows and columns of a picture."""
 
 IN_THE_MIDDLE = np.zeros((GRID**3, 3))
 """Offsets of blocks none of which stands beside the middle of its cell, nor is turned."""
@@ -72,8 +72,8 @@ def projected_boxes(
     drawings = [outlines(possible, shape, project, offsets) for shape in _SHAPES]
     picture = np.zeros((size[1], size[0]), np.int32)
     for number in np.flatnonzero(there):
-        outline = drawings[shapes[number]][number]
-        cv2.fillConvexPoly(picture, outline, int(number) + 1, shift=FRACTION)
+        window, inside = covered(drawings[shapes[number]][number], size)
+        picture[window][inside] = number + 1
     drawn, pixels = _boxes_of(picture, len(possible))
     boxes, classes, scores = [], [], []
     for number, shape, color in np.argwhere(by_shape >= SCORE):
@@ -120,20 +120,46 @@ def outlines(
     shape: Shape,
     project: Project,
     offsets: Float[np.ndarray, "512 3"] = IN_THE_MIDDLE,
-) -> list[Int[np.ndarray, "k 2"]]:
-    """The convex outlines of blocks of a shape beside their cells, as `drawable` points."""
+) -> list[Float[np.ndarray, "k 2"]]:
+    """The convex outlines of blocks of a shape beside their cells, in pixels."""
     blocks = tuple(Block(Color.RED, shape, Cell.from_index(int(cell))) for cell in cells)
     poses = ideal_poses(blocks, np.eye(4), turns=offsets[cells, 2])
     corners = drawn_corners(blocks, poses)
     pixels = project(corners.reshape(-1, 3)).reshape(len(blocks), -1, 2)
     pixels += offsets[cells, None, :2]
-    return [cv2.convexHull(points)[:, 0] for points in drawable(pixels)]
+    return [convex_hull(points) for points in pixels]
 
 
-def drawable(pixels: Float[np.ndarray, "*n 2"]) -> Int[np.ndarray, "*n 2"]:
-    """Points as OpenCV draws them: whole numbers at pixels' centres, times 2**FRACTION."""
-    points: np.ndarray = np.rint((pixels - 0.5) * 2**FRACTION).clip(-(2**24), 2**24)
-    return points.astype(np.int32)
+def convex_hull(points: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "k 2"]:
+    """The corners of the convex hull, in turn."""
+    hull: np.ndarray = cv2.convexHull(points.astype(np.float32))[:, 0].astype(float)
+    return hull
+
+
+def covered(
+    outline: Float[np.ndarray, "k 2"], size: tuple[int, int]
+) -> tuple[Window, Bool[np.ndarray, "h w"]]:
+    """The pixels whose middles lie within a convex outline: a part of the picture, and which of it.
+
+    OpenCV fills the pixels under the edges, too, and so hides the strip of a pixel that shows of
+    a block beneath another.
+
+    Args:
+        outline: In pixels, whole numbers at their edges.
+        size: Width and height of the picture.
+    """
+    low = np.clip(np.floor(outline.min(axis=0)), 0, size).astype(int)
+    high = np.clip(np.ceil(outline.max(axis=0)), low, size).astype(int)
+    x, y = np.arange(low[0], high[0]) + 0.5, np.arange(low[1], high[1]) + 0.5
+    start, end = outline, np.roll(outline, -1, axis=0)
+    rise = end[:, 1] - start[:, 1]
+    cut = (y[:, None] >= np.minimum(start, end)[:, 1]) & (y[:, None] < np.maximum(start, end)[:, 1])
+    slope = (end - start)[:, 0] / np.where(rise == 0, 1.0, rise)
+    meets = start[:, 0] + (y[:, None] - start[:, 1]) * slope
+    left = np.where(cut, meets, np.inf).min(axis=1)
+    right = np.where(cut, meets, -np.inf).max(axis=1)
+    inside = (x >= left[:, None]) & (x < right[:, None])
+    return (slice(low[1], high[1]), slice(low[0], high[0])), inside
 
 
 def _boxes_of(
@@ -148,20 +174,14 @@ def _boxes_of(
 
 
 def _seen_part(
-    picture: Int[np.ndarray, "h w"], outline: Int[np.ndarray, "k 2"], number: int
+    picture: Int[np.ndarray, "h w"], outline: Float[np.ndarray, "k 2"], number: int
 ) -> tuple[Float[np.ndarray, "4"], int]:
     """Box and pixels of what would be seen of a block between those before and behind it."""
-    height, width = picture.shape
-    low = np.clip(outline.min(axis=0) >> FRACTION, 0, [width, height])
-    high = np.clip((outline.max(axis=0) >> FRACTION) + 2, 0, [width, height])
-    if (high <= low).any():
-        return np.zeros(4), 0
-    mask = np.zeros((high[1] - low[1], high[0] - low[0]), np.uint8)
-    cv2.fillConvexPoly(mask, outline - (low << FRACTION), 1, shift=FRACTION)
-    before = picture[low[1] : high[1], low[0] : high[0]] > number + 1
-    rows, columns = np.nonzero((mask > 0) & ~before)
+    window, inside = covered(outline, picture.shape[::-1])
+    rows, columns = np.nonzero(inside & ~(picture[window] > number + 1))
     if not len(rows):
         return np.zeros(4), 0
+    low = np.array([window[1].start, window[0].start])
     start = np.array([columns.min(), rows.min()]) + low
     end = np.array([columns.max(), rows.max()]) + low + 1
     return np.concatenate([start, end]).astype(float), len(rows)

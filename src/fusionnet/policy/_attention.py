@@ -2,14 +2,13 @@
 
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 from jaxtyping import Float
 
 from fusionnet.blocks import BLOCK_SIZE, GRID, Cell, Layout, Shape
 from fusionnet.geometry import PinholeCamera, PointBehindCameraError
 from fusionnet.models.fusionnet import FusionAnswer
-from fusionnet.models.projected_boxes import FRACTION, drawable, far_to_near, outlines
+from fusionnet.models.projected_boxes import convex_hull, covered, far_to_near, outlines
 from fusionnet.models.reading import Reading
 from fusionnet.models.tree_symbols import owned_symbols
 from fusionnet.rcl import Node, describe, events
@@ -108,11 +107,12 @@ def attended_pixels(
         for index in squares + [index for index in order if index not in squares]:
             if index in squares:
                 corners = (np.array(Cell.from_index(index)) + _SQUARE) * BLOCK_SIZE
-                outline = drawable(project(corners))
+                outline = convex_hull(project(corners))
             else:
                 shape = shapes.get(index, Shape.CUBE)
                 outline = outlines(np.array([index]), shape, project)[0]
-            cv2.fillConvexPoly(picture, outline, float(shares[index]), shift=FRACTION)
+            window, inside = covered(outline, (camera.width, camera.height))
+            picture[window][inside] = shares[index]
     except PointBehindCameraError:  # a camera estimated where there is no board
         picture[:] = 0.0
     return picture
