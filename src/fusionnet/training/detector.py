@@ -2,7 +2,8 @@
 
 `fusionnet train detector` runs this: it trains on one or several data sets, calibrates and
 measures on the validation groups as the robot's eye sees them, and writes a checkpoint. Of
-pictures that the eye did not take (environmental views) the boxes alone are learnt.
+pictures that the eye did not take (environmental views) the boxes alone are learnt; a detector
+for such pictures learns nothing else (`layouts`).
 """
 
 import logging
@@ -18,19 +19,20 @@ from jaxtyping import Int
 
 from fusionnet.blocks import EMPTY, Layout
 from fusionnet.dataset.folder import read_plan
+from fusionnet.dataset.frame import PictureFrame
 from fusionnet.dataset.pictures import EYE_FRAMES, Labels
 from fusionnet.dataset.reader import StoredPictures
 from fusionnet.errors import InputError
 from fusionnet.models.checkpoint import check_checkpoint_folder, load_checkpoint
-from fusionnet.models.detectors import compact
-from fusionnet.models.heads.boxes import Boxes
+from fusionnet.models.detectors import compact, views
 from fusionnet.models.heads.camera_pose import PARAMETERS
+from fusionnet.models.labelled_boxes import Boxes, BoxPrecision
 from fusionnet.models.retinanet import KIND, Batch, RetinaNet
 from fusionnet.randomness import derived_seed, generator
 from fusionnet.simulation import SceneRenderer
 from fusionnet.training.empty_pictures import empty_picture
 from fusionnet.training.loop import LoopConfig, Progress, fit, is_first_process
-from fusionnet.training.picture_variation import varied
+from fusionnet.training.picture_variation import varied, varied_view
 
 log = logging.getLogger(__name__)
 
@@ -45,6 +47,9 @@ LOSS_WEIGHTS = {
 }
 """Fixed factors that bring the losses to like sizes after the first epoch."""
 
+
+FINER = 2
+"""Times the input's size: views of which boxes alone are learnt, before they are moved."""
 
 POSE_ERROR = 0.06
 """Standard deviation of the disturbance of the true camera, in `camera_pose.UNITS`."""
@@ -61,6 +66,8 @@ class DetectorConfig:
         work: Folder for everything that is not the checkpoint.
         start: Folder of a detector whose weights are taken over where names and shapes agree.
         eye: Of the robot: the detector reads layouts through this one alone.
+        layouts: Whether the camera and the layout are learnt; without, boxes alone are, in pictures
+            from anywhere and of blocks of any size.
         batch: Pictures a step.
         empty: Pictures without blocks in each step besides, drawn while training.
         loop: Steps and schedule.
@@ -72,6 +79,7 @@ class DetectorConfig:
     work: Path = Path("runs/detector")
     start: Path | None = None
     eye: Literal["left_eye", "right_eye"] = "left_eye"
+    layouts: bool = True
     batch: int = 16
     empty: int = 1
     loop: LoopConfig = field(
@@ -136,15 +144,14 @@ def train(config: DetectorConfig, *, progress: Progress | None = None) -> dict[s
         OutputError: If the checkpoint cannot be written.
     """
     check_checkpoint_folder(config.out, config.work)
-    pictures = JoinedPictures([StoredPictures(folder, "train") for folder in config.datasets])
-    checked = StoredPictures(config.datasets[0], "sim_val")
-    _check_eyes(config)
-    model = new_detector(config.seed, eye=config.eye)
+    model = new_detector(config.seed, eye=config.eye, layouts=config.layouts)
+    pictures, checked = _pictures(config, model.frame)
+    size = None if config.layouts else model.frame.input_size
     if config.start is not None:
         start_from(model, config.start)
     fit(
         model,
-        lambda first: batches(pictures, config.batch, config.seed, first, config.empty),
+        lambda first: batches(pictures, config.batch, config.seed, first, config.empty, size),
         lambda wrapped, batch: detector_losses(wrapped, model, batch),
         config.loop,
         folder=config.work,
@@ -154,14 +161,30 @@ def train(config: DetectorConfig, *, progress: Progress | None = None) -> dict[s
     )
     if not is_first_process():
         return {}
-    calibrate(model, checked)
-    metrics = measure(model, checked)
+    if config.layouts:
+        calibrate(model, checked)
+    metrics = measure(model, checked) if config.layouts else measure_boxes(model, checked)
     paths = ("datasets", "out", "work", "start")
     described = {k: v for k, v in asdict(config).items() if k not in paths}
     described["pictures"], described["warm"] = len(pictures), config.start is not None
     described["corpus"] = sorted({read_plan(folder).corpus for folder in config.datasets})
     model.save(config.out, {"training": described, "metrics": metrics})
     return metrics
+
+
+def _pictures(config: DetectorConfig, frame: PictureFrame) -> tuple[JoinedPictures, StoredPictures]:
+    """What is learnt from, and what is measured on."""
+    if config.layouts:
+        parts = [StoredPictures(folder, "train") for folder in config.datasets]
+        checked = StoredPictures(config.datasets[0], "sim_val")
+        _check_eyes(config)
+        return JoinedPictures(parts), checked
+    width, height = frame.input_size
+    larger = (FINER * width, FINER * height)
+    parts = [StoredPictures(folder, "train", input_size=larger) for folder in config.datasets]
+    seen = "val" if read_plan(config.datasets[0]).views[1] else "sim_val"
+    checked = StoredPictures(config.datasets[0], seen, input_size=frame.input_size)
+    return JoinedPictures(parts), checked
 
 
 def _check_eyes(config: DetectorConfig) -> None:
@@ -195,9 +218,15 @@ def start_from(model: RetinaNet, folder: Path) -> list[str]:
     return left
 
 
-def new_detector(seed: int, robot: str = "nico", eye: str = "left_eye") -> RetinaNet:
-    """An untrained detector for one of a robot's eyes."""
+def new_detector(
+    seed: int, robot: str = "nico", eye: str = "left_eye", layouts: bool = True
+) -> RetinaNet:
+    """An untrained detector for one of a robot's eyes, or of boxes alone."""
     frame = EYE_FRAMES[eye]
+    if not layouts:
+        with torch.random.fork_rng(devices=[]):
+            torch.manual_seed(seed)
+            return RetinaNet(views(frame))
     renderer = SceneRenderer(robot, size=frame.eye_size)
     camera = renderer.view(Layout(()), camera=eye, labels=False).camera
     camera_from_board = camera.camera_from_robot @ renderer.robot.robot_from_board
@@ -245,7 +274,12 @@ def _stacked(arrays: Sequence[np.ndarray], shape: tuple[int, ...]) -> torch.Tens
 
 
 def batches(
-    pictures: AnyPictures, size: int, seed: int, first: int, empty: int = 0
+    pictures: AnyPictures,
+    size: int,
+    seed: int,
+    first: int,
+    empty: int = 0,
+    views: tuple[int, int] | None = None,
 ) -> Iterator[Batch]:
     """Endless shuffled batches from step `first` on; the same for a resumed run.
 
@@ -255,6 +289,7 @@ def batches(
         seed: Of order and variation.
         first: Step to begin with.
         empty: Pictures without blocks that each batch gets besides.
+        views: Width and height of the network's input if boxes alone are learnt.
     """
     size = min(size, len(pictures))
     a_epoch = len(pictures) // size
@@ -265,9 +300,13 @@ def batches(
         for start in range(row * size, a_epoch * size, size):
             rng = generator(seed, "augment", step)
             chosen = [pictures[int(i)] for i in order[start : start + size]]
-            shape = (chosen[0][0].shape[1], chosen[0][0].shape[0])
-            chosen += [empty_picture(rng, shape) for _ in range(empty)]
-            yield collate([varied(image, labels, rng) for image, labels in chosen], rng)
+            shape = views or (chosen[0][0].shape[1], chosen[0][0].shape[0])
+            if views is not None:
+                different = [varied_view(image, labels, views, rng) for image, labels in chosen]
+            else:
+                different = [varied(image, labels, rng) for image, labels in chosen]
+            different += [varied(*empty_picture(rng, shape), rng) for _ in range(empty)]
+            yield collate(different, rng)
             step += 1
 
 
@@ -279,6 +318,8 @@ def detector_losses(
     So the occupancy head learns from the first step on, and learns to bear the errors
     that the estimated pose, used at inference, will have (about a pixel).
     """
+    if not model.config.reads_layouts:
+        return model.losses(wrapped(batch.images), batch)
     truth = model.pose_head.target(batch.matrix, batch.camera_from_board)
     outputs = wrapped(batch.images, truth + batch.disturbance)
     return model.losses(outputs, batch)
@@ -336,3 +377,12 @@ def measure(model: RetinaNet, pictures: AnyPictures, size: int = 25) -> dict[str
         for name, values in found.items():
             sums.setdefault(name, []).append(np.asarray(values, dtype=float))
     return {name: float(np.concatenate(values).mean()) for name, values in sums.items()}
+
+
+def measure_boxes(model: RetinaNet, pictures: AnyPictures) -> dict[str, float]:
+    """How precisely a detector of boxes alone finds them."""
+    precision = BoxPrecision()
+    for picture, truth in (pictures[i] for i in range(len(pictures))):
+        precision.update(model.detect_prepared(picture), collate([(picture, truth)]).boxes[0])
+    measured = precision.compute()
+    return {name: measured[name] for name in ("map_50", "map_50_95")}

@@ -191,18 +191,32 @@ def within(
 
 
 def moved(
-    picture: UInt8[np.ndarray, "h w 3"], boxes: Boxes, noise: LevelTwo, rng: np.random.Generator
-) -> tuple[UInt8[np.ndarray, "h w 3"], Boxes]:
+    picture: UInt8[np.ndarray, "h w 3"],
+    boxes: Boxes,
+    noise: LevelTwo,
+    rng: np.random.Generator,
+    size: tuple[int, int] | None = None,
+) -> tuple[UInt8[np.ndarray, "h2 w2 3"], Boxes]:
     """Level-2 noise: the picture and its boxes under one random affine map about its middle.
 
     A moved box is the upright one around the corners of the old, somewhat too large; so it is
     in the thesis's source.
+
+    Args:
+        picture: To be moved.
+        boxes: In it.
+        noise: Ranges of the map.
+        rng: Source of all randomness.
+        size: Width and height to which the result is brought in the same map; the picture's own
+            by default.
     """
-    height, width = picture.shape[:2]
-    new_from_old = noise.sample(rng, (width, height))
-    image = cv2.warpAffine(
-        picture, new_from_old[:2], (width, height), borderMode=cv2.BORDER_REPLICATE
-    )
+    given = (picture.shape[1], picture.shape[0])
+    width, height = size = size or given
+    factors = np.array(size) / given
+    fit = np.diag([*factors, 1.0])
+    fit[:2, 2] = 0.5 * factors - 0.5  # pixels are named by their centres
+    new_from_old = fit @ noise.sample(rng, given)
+    image = cv2.warpAffine(picture, new_from_old[:2], size, borderMode=cv2.BORDER_REPLICATE)
     xyxy = boxes.xyxy.double().numpy()
     corners = xyxy[:, [[0, 1], [2, 1], [2, 3], [0, 3]]] - 0.5
     mapped = corners @ new_from_old[:2, :2].T + new_from_old[:2, 2] + 0.5
