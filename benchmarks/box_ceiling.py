@@ -60,9 +60,9 @@ def main(config: Config) -> None:
     for index in range(config.pictures):
         look = Appearance.sample(generator(config.seed, "detection", config.split, index))
         picture, truth = label(renderer, layouts[index % len(layouts)], look, frame)
-        outputs = model(torch.from_numpy(picture)[None])
+        outputs = model(torch.from_numpy(picture)[None], refine=True)
         logits = outputs["cells"].logits[0].double() / model.config.temperature
-        batch, estimated = collate([(picture, truth)]), outputs["pose"][-1]
+        batch, estimated = collate([(picture, truth)]), outputs["used_pose"]
         camera = model.pose_head.target(batch.matrix, batch.camera_from_board)
         read, offsets = logits.softmax(-1).numpy(), outputs["cells"].offsets
         true, beside = np.eye(EMPTY + 1)[truth.cells], model.offsets(camera, camera, batch)

@@ -186,7 +186,7 @@ def test_the_temperature_makes_probabilities_true(stored, model, monkeypatch):
     pictures, rng = StoredPictures(stored, "sim_val"), np.random.default_rng(0)
     wrong = rng.random(512) < 0.2  # four in five are right, said with 98 %
 
-    def sure(images):
+    def sure(images, refine):
         cells = collate([pictures[0]]).cells
         said = torch.where(torch.from_numpy(wrong), (cells + 1) % 17, cells)
         logits = torch.nn.functional.one_hot(said, 17) * 7.0
@@ -351,11 +351,12 @@ def test_measures_of_a_perfect_reader(stored, model, monkeypatch):
     pictures = StoredPictures(stored, "sim")
     truth = collate([pictures[i] for i in range(len(pictures))])
 
-    def perfect(images):
+    def perfect(images, refine):
+        assert refine
         logits = torch.nn.functional.one_hot(truth.cells, 17).float()
         pose = model.pose_head.target(truth.matrix, truth.camera_from_board)
         cells = occupancy.CellOutputs((logits,), truth.holding * 2 - 1)
-        return {"cells": cells, "pose": [pose]}
+        return {"cells": cells, "used_pose": pose}
 
     monkeypatch.setattr(model, "forward", perfect)
     metrics = measure(model, pictures)

@@ -23,6 +23,7 @@ from torch import Tensor, nn
 from fusionnet.errors import CheckpointError, InputError
 from fusionnet.geometry import PinholeCamera
 from fusionnet.models import backbones
+from fusionnet.models.board_corners import refined_pose
 from fusionnet.models.checkpoint import load_checkpoint, restore, save_checkpoint
 from fusionnet.models.detectors import RetinaNetConfig
 from fusionnet.models.heads.boxes import Boxes, BoxHead
@@ -117,6 +118,7 @@ class RetinaNet(nn.Module):
         deviation: Float[Tensor, "n 7"] | None = None,
         *,
         fusion: bool = True,
+        refine: bool = False,
     ) -> dict[str, Any]:
         """Raw outputs of the heads that there are: `boxes`, `fusion`, `pose`, `cells`, and the pose
         by which these were looked at, `used_pose`.
@@ -126,6 +128,8 @@ class RetinaNet(nn.Module):
             deviation: Camera poses to project cells with, instead of the estimated ones; of
                 fewer than all pictures if only the layouts of the first ones are to be read.
             fusion: Whether the nodes for FusionNet are wanted.
+            refine: Whether the estimated pose is put right by the board's corners before cells are
+                looked at, as at inference (pictures on the CPU; there is no gradient through it).
         """
         levels, coarse, stem = self._features(images)
         outputs: dict[str, Any] = {"boxes": self._boxes(images, levels)}
@@ -137,6 +141,9 @@ class RetinaNet(nn.Module):
             stem = None if stem is None else stem[:count]
             outputs["pose"] = pose = self.pose_head(fine, coarse)
             used = pose[-1] if deviation is None else deviation
+            if refine and deviation is None:
+                seen = zip(used.split(1), images.numpy(), strict=True)
+                used = torch.cat([refined_pose(self.pose_head, one, image) for one, image in seen])
             pixels = self.pose_head.project(used, self.occupancy_head.points)
             viewpoint = self.pose_head.viewpoint(used)
             outputs["cells"] = self.occupancy_head(fine, coarse, pixels, stem, viewpoint)
@@ -219,13 +226,13 @@ class RetinaNet(nn.Module):
                 "This detector finds boxes only and reads no layout; use one of the preset compact."
             )
         with torch.autocast("cpu", torch.bfloat16, enabled=_half_is_fast()):
-            outputs = self(torch.from_numpy(picture)[None])
+            outputs = self(torch.from_numpy(picture)[None], refine=True)
         found = self.box_head.predict(outputs["boxes"])[0]
         xyxy = torch.from_numpy(self.frame.to_eye(found.xyxy.double().numpy()))
         detected = Boxes(xyxy, found.classes, found.scores)
         read = outputs["cells"]
         cells = (read.logits[0].double() / self.config.temperature).softmax(-1).numpy()
-        pose, head = outputs["pose"][-1], self.pose_head
+        pose, head = outputs["used_pose"], self.pose_head
         corners = head.project(pose, head.landmarks)[0]
         scale, offset = self.frame.scale, np.array(self.frame.crop[:2])
         explained = self.explained(cells, pose, read.offsets)

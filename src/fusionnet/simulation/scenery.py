@@ -12,6 +12,7 @@ from fusionnet.robots import Robot, load
 from fusionnet.simulation.appearance import BLOCK_COLORS, Appearance
 from fusionnet.simulation.tabletop import (
     BOARD_SIZE,
+    BOARD_THICKNESS,
     DRAWN_HALF,
     PYRAMID,
     TABLE_THICKNESS,
@@ -162,7 +163,7 @@ def add_furniture(scene: mujoco.MjvScene, robot: Robot, appearance: Appearance) 
                 _add_box(
                     scene,
                     apply(robot.robot_from_board, center),
-                    (BLOCK_SIZE / 2, BLOCK_SIZE / 2, 0.0003),
+                    (BLOCK_SIZE / 2, BLOCK_SIZE / 2, BOARD_THICKNESS),
                     color * appearance.square_tints[x * GRID + y],
                 )
             )

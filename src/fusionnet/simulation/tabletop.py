@@ -16,6 +16,9 @@ from fusionnet.geometry import apply
 BOARD_SIZE = GRID * BLOCK_SIZE
 """Edge of the checkerboard."""
 
+BOARD_THICKNESS = 0.0003
+"""How far the face of the checkerboard is above the table, and its board frame."""
+
 TABLE_THICKNESS = 0.025
 """Of the table's top plate, whose place each robot states."""
 

@@ -341,7 +341,7 @@ def calibrate(model: RetinaNet, pictures: AnyPictures, most: int = 400) -> float
     for start in range(0, min(len(pictures), most), 20):
         stop = min(start + 20, len(pictures), most)
         batch = collate([pictures[i] for i in range(start, stop)])
-        found = model(batch.images)["cells"].logits.flatten(0, 1)
+        found = model(batch.images, refine=True)["cells"].logits.flatten(0, 1)
         unsure = found.softmax(-1).amax(-1) < 1 - 1e-4  # the others say nothing of it
         logits.append(found[unsure])
         cells.append(batch.cells.flatten()[unsure])
@@ -360,7 +360,7 @@ def measure(model: RetinaNet, pictures: AnyPictures, size: int = 25) -> dict[str
     for start in range(0, len(pictures), size):
         samples = [pictures[i] for i in range(start, min(start + size, len(pictures)))]
         batch = collate(samples)
-        outputs = model(batch.images)
+        outputs = model(batch.images, refine=True)
         read = outputs["cells"]
         guess, truth = read.logits.argmax(-1).numpy(), batch.cells.numpy()
         visible = np.stack([labels.visible for _, labels in samples])
@@ -371,7 +371,7 @@ def measure(model: RetinaNet, pictures: AnyPictures, size: int = 25) -> dict[str
             "blocks_right_15_pixels": right[block & (visible >= 15)],
             "layout_right": right.all(axis=1),
             "phantoms": ((guess != EMPTY) & ~block).sum(axis=1),
-            "pose_pixels": model.pose_head.metric(outputs["pose"], target).numpy(),
+            "pose_pixels": model.pose_head.metric([outputs["used_pose"]], target).numpy(),
             "holding_right": (read.held.numpy() > 0) == (batch.holding.numpy() > 0.5),
         }
         for name, values in found.items():
