@@ -23,7 +23,7 @@ from fusionnet.dataset.pictures import LEAST_PIXELS
 from fusionnet.models.labelled_boxes import Boxes, BoxPrecision
 from fusionnet.models.look import look
 from fusionnet.models.retinanet import RetinaNet
-from fusionnet.policy import LEAST_SCORE, weights_folder
+from fusionnet.policy import LEAST_SCORE, detector_folder, view_detector_folder
 from fusionnet.provenance import provenance
 from fusionnet.randomness import generator
 from fusionnet.views import EnvironmentalView, OverlayRenderer
@@ -79,7 +79,7 @@ def _shown(cell: Cell, view: EnvironmentalView) -> bool:
 
 
 def overlaid(config: Config, model: RetinaNet) -> tuple[dict[str, Any], list[np.ndarray]]:
-    """Precision of the box head upon calibrated photographs, and pictures of what it found."""
+    """Precision of the boxes upon calibrated photographs, and pictures of what was found."""
     calibration = calibrate(
         [find_boards(config.folder, Checkerboard(*config.board, config.square))],
         Checkerboard(*config.board, config.square),
@@ -118,10 +118,11 @@ def overlaid(config: Config, model: RetinaNet) -> tuple[dict[str, Any], list[np.
 
 def main(config: Config) -> None:
     """Look at all photographs and print what was found."""
-    model = RetinaNet.from_folder(weights_folder(config.checkpoint) / "detector")
+    eye = RetinaNet.from_folder(detector_folder(config.checkpoint))
+    model = RetinaNet.from_folder(view_detector_folder(config.checkpoint))
     empty = {}
     for file in picture_files(config.folder):
-        boxes = look(model, read_picture(file)).boxes
+        boxes = look(eye, read_picture(file), model).boxes
         empty[file.name] = int((boxes.scores >= LEAST_SCORE).sum())
     numbers, pictures = overlaid(config, model)
     report = {

@@ -17,6 +17,7 @@ from fusionnet.dataset.pictures import EYE_FRAME, label
 from fusionnet.dataset.reader import StoredPictures
 from fusionnet.dataset.shots import DISPLACED, FARTHEST
 from fusionnet.errors import InputError
+from fusionnet.evaluation.detection import DetectionEvaluation, evaluate
 from fusionnet.models import retinanet
 from fusionnet.models.heads import camera_pose, occupancy
 from fusionnet.models.heads.boxes import BoxConfig, Boxes, BoxHead, BoxOutputs
@@ -391,3 +392,26 @@ def test_rotations_are_exact_and_smooth_at_zero():
     ours = torch.autograd.grad(turned[:, 0, 1].sum(), vectors, retain_graph=True)[0]
     theirs = torch.autograd.grad(expected[:, 0, 1].sum(), vectors)[0]
     torch.testing.assert_close(ours, theirs, atol=1e-5, rtol=0)
+
+
+def test_a_detector_of_boxes_alone_is_trained_resumed_and_measured(stored, tmp_path):
+    config = DetectorConfig(
+        datasets=(stored,),
+        out=tmp_path / "boxes",
+        work=tmp_path / "work",
+        layouts=False,
+        batch=2,
+        loop=LoopConfig(steps=2, learning_rate=1e-4, log_every=1, tensorboard=False),
+    )
+    metrics = train(config)
+    assert set(metrics) == {"map_50", "map_50_95"}
+    model = RetinaNet.from_folder(config.out)
+    assert not model.config.reads_layouts and model.config.boxes.strides == (4, 8, 16)
+    boxes = model.detect(np.zeros((300, 500, 3), np.uint8))
+    assert len(boxes.xyxy) == len(boxes.scores)
+    measured = evaluate(
+        DetectionEvaluation(dataset=stored, split="sim_val", checkpoint=str(config.out), pictures=2)
+    )
+    assert measured["n"] == 1 and "layouts_right" not in measured
+    with pytest.raises(InputError, match="finds boxes only"):
+        evaluate(DetectionEvaluation(checkpoint=str(config.out)))

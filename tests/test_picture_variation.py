@@ -8,7 +8,7 @@ import pytest
 from fusionnet.dataset.pictures import Labels
 from fusionnet.randomness import generator
 from fusionnet.training.empty_pictures import empty_picture
-from fusionnet.training.picture_variation import varied
+from fusionnet.training.picture_variation import varied, varied_view
 
 SIZE = (352, 304)
 
@@ -51,3 +51,24 @@ def test_empty_pictures_differ_and_hold_nothing():
     assert all(image.shape == (304, 352, 3) and not len(t.boxes) for image, t in pictures)
     again, _ = empty_picture(generator(0, "empty"), SIZE)
     np.testing.assert_array_equal(again, pictures[0][0])
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_views_alone_come_from_larger_pictures_at_any_size(seed):
+    image, labels = one_square(by_eye=False)
+    size = (SIZE[0] // 2, SIZE[1] // 2)
+    image, labels = varied_view(image, labels, size, generator(seed, "wide"))
+    assert image.shape == (size[1], size[0], 3) and not labels.by_eye
+    rows, columns = np.nonzero(image[..., 0] > 130)
+    if not len(labels.boxes):
+        return
+    around = [columns.min(), rows.min(), columns.max() + 1, rows.max() + 1]
+    np.testing.assert_allclose(labels.boxes[0], around, atol=1.5)
+
+
+def test_views_alone_show_blocks_from_half_to_twice_as_large():
+    size, widths = (SIZE[0] // 2, SIZE[1] // 2), []
+    for seed in range(60):
+        _, labels = varied_view(*one_square(by_eye=False), size, generator(seed, "widths"))
+        widths += list(labels.boxes[:, 2] - labels.boxes[:, 0])
+    assert min(widths) < 0.6 * 25 and max(widths) > 2 * 25

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from fusionnet.errors import CheckpointError, DataError, InputError, OutputError
+from fusionnet.models import policy_folder
 from fusionnet.policy import load_policy
 from fusionnet.training import fusion, policy
 from fusionnet.training.loop import LoopConfig
@@ -36,6 +37,7 @@ def config(tmp_path: Path) -> PolicyConfig:
         batch=2,
         detector=ONE_STEP,
         detector_right=ONE_STEP,
+        detector_views=ONE_STEP,
         translator=replace(ONE_STEP, loss_weights={"symbols": 1.0}),
         fusion=replace(ONE_STEP, loss_weights={"grasp": 1.0}),
     )
@@ -56,12 +58,14 @@ def test_every_part_is_trained_kept_and_joined(
     written = kept.stat().st_mtime_ns
     metrics = train(config, quiet)
     assert kept.stat().st_mtime_ns == written
-    assert set(metrics) == {"detector", "detector-right", "translator", "fusion"}
+    eyes = {"detector", "detector-right", "detector-views"}
+    assert set(metrics) == eyes | {"translator", "fusion"}
+    assert policy_folder.view_detector_folder(config.out).name == "detector-views"
     loaded = load_policy(config.out)
     assert loaded.right is not None
     assert loaded.detector.see(np.zeros((540, 960, 3), np.uint8)).cells.shape == (8, 8, 8, 17)
     card = (config.out / "README.md").read_text()
-    assert "detector-right" in card
+    assert "detector-right" in card and "detector-views/README.md" in card
     assert json.loads((config.work / policy.SETTINGS_FILE).read_text())["eye"] == 4
 
 

@@ -23,7 +23,7 @@ from fusionnet.errors import InputError, OutputError
 from fusionnet.files import write_whole
 from fusionnet.models.look import Look, look
 from fusionnet.models.retinanet import RetinaNet
-from fusionnet.policy import LEAST_SCORE, detector_folder
+from fusionnet.policy import LEAST_SCORE, detector_folder, view_detector_folder
 from fusionnet.views.picture_file import read_picture
 
 NO_BOARD = "no board is seen where the estimated camera would have it; boxes only"
@@ -61,13 +61,14 @@ def detect(config: DetectConfig) -> int:
     if config.out is not None and config.out.exists() and not config.out.is_dir():
         raise OutputError(f"{config.out} is a file; name a folder (--out).")
     model = RetinaNet.from_folder(detector_folder(config.checkpoint))
+    elsewhere = RetinaNet.from_folder(view_detector_folder(config.checkpoint))
     names = _names(config.images)
     status, several = EXIT_REACHED, len(config.images) > 1
     with bars() as bar:
         progress = bar("pictures")
         for number, (path, name) in enumerate(zip(config.images, names, strict=True), 1):
             try:
-                document, seen = _look_at(model, path, name, config)
+                document, seen = _look_at((model, elsewhere), path, name, config)
             except InputError as error:
                 if not several:
                     raise
@@ -96,12 +97,12 @@ def _names(images: Sequence[Path]) -> list[str]:
 
 
 def _look_at(
-    model: RetinaNet, path: Path, name: str, config: DetectConfig
+    models: tuple[RetinaNet, RetinaNet], path: Path, name: str, config: DetectConfig
 ) -> tuple[dict[str, Any], Look]:
     """Look at one picture, and write its files."""
     image = read_picture(path)
     began = time.perf_counter()
-    seen = look(model, image)
+    seen = look(models[0], image, models[1])
     spent = 1000 * (time.perf_counter() - began)
     document = _as_json(seen, config.score)
     height, width = image.shape[:2]

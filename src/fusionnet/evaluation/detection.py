@@ -26,7 +26,7 @@ from fusionnet.dataset.reader import StoredPictures
 from fusionnet.errors import DataError, InputError
 from fusionnet.models.labelled_boxes import Boxes, BoxPrecision
 from fusionnet.models.retinanet import RetinaNet, Sight
-from fusionnet.policy import detector_folder
+from fusionnet.policy import detector_folder, view_detector_folder
 from fusionnet.randomness import generator
 from fusionnet.simulation import Appearance, SceneRenderer
 from fusionnet.training.placement_pictures import PlacementPictures
@@ -70,8 +70,8 @@ def evaluate(
 ) -> dict[str, Any]:
     """Mean average precision of the boxes, and how many cells and layouts are read right.
 
-    Layouts are read through the robot's left eye alone; in environmental views the box head is
-    measured.
+    Layouts are read through the robot's left eye alone; in environmental views boxes are found,
+    by the detector that the policy has for them.
 
     Raises:
         InputError: If no pictures are asked for, or the part has no commands.
@@ -83,7 +83,14 @@ def evaluate(
         raise InputError(f"At least one picture is needed; received {config.pictures}.")
     model = RetinaNet.from_folder(detector_folder(config.checkpoint))
     if not model.config.reads_layouts:
-        return _boxes_alone(config, model)
+        if config.dataset is None:
+            raise InputError(
+                "This detector finds boxes only; it is measured on a data set: fusionnet evaluate "
+                "detector DATASET."
+            )
+        if model.config.pyramid != "small":
+            return _thesis_boxes(config, config.dataset, model)
+    elsewhere = RetinaNet.from_folder(view_detector_folder(config.checkpoint))
     count, pictures = _pictures(config, model)
     strict, lenient = BoxPrecision(), BoxPrecision()
     counted: dict[str, list[np.ndarray]] = {}
@@ -91,14 +98,14 @@ def evaluate(
     spent: list[float] = []
     for index, (picture, truth) in enumerate(pictures):
         began = time.perf_counter()
-        if truth.by_eye:
+        if truth.by_eye and model.config.reads_layouts:
             sight = model.see_prepared(picture)
             found = _in_input(sight.boxes, model.frame)
             for name, values in _cells(sight, truth).items():
                 counted.setdefault(name, []).append(values)
             confidence.append(_confidence(sight, truth))
         else:
-            found = model.detect_prepared(picture)
+            found = elsewhere.detect_prepared(picture)
         spent.append(time.perf_counter() - began)
         wanted = Boxes(
             torch.from_numpy(truth.boxes).float(),
@@ -125,17 +132,12 @@ def evaluate(
     }
 
 
-def _boxes_alone(config: DetectionEvaluation, model: RetinaNet) -> dict[str, Any]:
-    """What is said of a detector of boxes, such as the thesis's, on a stored data set."""
-    if config.dataset is None:
-        raise InputError(
-            "This detector finds boxes only; it is measured on a data set: fusionnet evaluate "
-            "detector DATASET."
-        )
-    pictures = PlacementPictures(config.dataset, config.split, model.frame)
+def _thesis_boxes(config: DetectionEvaluation, dataset: Path, model: RetinaNet) -> dict[str, Any]:
+    """What is said of the thesis's detector, whose pictures are cropped as the thesis's were."""
+    pictures = PlacementPictures(dataset, config.split, model.frame)
     measured = measure(model, pictures, config.pictures)
     _refuse_without_boxes(measured, config)
-    about = {"corpus": str(config.dataset.name), "split": config.split}
+    about = {"corpus": str(dataset.name), "split": config.split}
     return about | {"n": measured.pop("pictures")} | measured
 
 

@@ -78,8 +78,8 @@ def policy_card(name: str, documents: Mapping[str, Document]) -> str:
 
     Args:
         name: Of the policy.
-        documents: By the name of the part: `detector`, `translator`, `fusion` and, where the right
-            eye looks too, `detector-right`.
+        documents: By the name of the part: `detector`, `translator`, `fusion` and, where there are
+            any, `detector-right` of the right eye and `detector-views` of other pictures.
     """
     told = list(documents.values())
     listed = "\n".join(
@@ -89,10 +89,11 @@ def policy_card(name: str, documents: Mapping[str, Document]) -> str:
     parts = [
         _header(name, documents, "policy"),
         f"# {name}\n\nA policy: a detector reads the robot's left eye (`detector-right` the right "
-        "one), a translator the sentence, FusionNet joins both to the angles of grasp and place. "
-        "It belongs to the package `fusionnet`; the weights are safetensors, the configuration "
-        "JSON, nothing is executed when they are loaded. How each part was trained and what it "
-        f"reaches is told by its own card:\n\n{listed}\n",
+        "one, `detector-views` finds blocks in other pictures), a translator the sentence, "
+        "FusionNet joins both to the angles of grasp and place. It belongs to the package "
+        "`fusionnet`; the weights are safetensors, the configuration JSON, nothing is executed "
+        "when they are loaded. How each part was trained and what it reaches is told by its own "
+        f"card:\n\n{listed}\n",
         _data(told),
         _licence(told),
         _USE.format(robot=_robot(documents["fusion"]), load=load),

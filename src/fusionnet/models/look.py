@@ -38,20 +38,27 @@ class Look:
     holding: float | None = None
 
 
-def look(model: RetinaNet, image: UInt8[np.ndarray, "h w 3"]) -> Look:
+def look(
+    model: RetinaNet, image: UInt8[np.ndarray, "h w 3"], elsewhere: RetinaNet | None = None
+) -> Look:
     """Boxes and layout of a picture of any size and aspect.
 
-    Where no board is seen the box head looks once more, at all of the picture.
+    Args:
+        model: Detector of one of the robot's eyes, or of boxes alone.
+        image: The picture.
+        elsewhere: Finds the boxes in all of the picture where no board is seen as that eye sees
+            it; `model` itself by default.
     """
+    elsewhere = elsewhere or model
     if not model.config.reads_layouts:
-        return Look(boxes=model.detect(image))
+        return Look(boxes=elsewhere.detect(image))
     whole = padded_to_aspect(image, model.frame.eye_size)
     eye = cv2.resize(whole, model.frame.eye_size, interpolation=cv2.INTER_AREA)
     sight = model.see(eye)
     scale = np.array([whole.shape[1], whole.shape[0]]) / model.frame.eye_size
     board = board_evidence(eye, sight.corners)
     if board < BOARD_SEEN:
-        return Look(boxes=model.detect(image), board=board)
+        return Look(boxes=elsewhere.detect(image), board=board)
     boxes = _within(sight.boxes, scale, (image.shape[1], image.shape[0]))
     layout = likely_layout(sight.cells, sight.holding)
     return Look(

@@ -13,8 +13,11 @@ from fusionnet.models.hub import FILES, fetched, is_hub_name
 SHIPPED = ("compact",)
 """Names of the policies inside this package."""
 
-PARTS = ("detector", "detector-right", "translator", "fusion")
-"""Folders of a policy's checkpoints; the second may be missing."""
+PARTS = ("detector", "detector-right", "detector-views", "translator", "fusion")
+"""Folders of a policy's checkpoints."""
+
+OPTIONAL = ("detector-right", "detector-views")
+"""Those that may be missing: of the other eye, and of pictures that no eye of the robot took."""
 
 
 def weights_folder(name: str | Path) -> Path:
@@ -51,6 +54,20 @@ def detector_folder(name: str | Path) -> Path:
     return own if (own / CONFIG_FILE).is_file() else weights_folder(name) / "detector"
 
 
+def view_detector_folder(name: str | Path) -> Path:
+    """Where the detector lies that a policy has for pictures which no eye of the robot took.
+
+    It is the policy's only one, or one of its own, where there is no other.
+
+    Raises:
+        UnknownNameError: If it is neither.
+        CheckpointError: If it cannot be fetched.
+    """
+    only = detector_folder(name)
+    other = only.with_name("detector-views")
+    return other if only.name == "detector" and other.is_dir() else only
+
+
 def write_policy_card(folder: Path, name: str) -> None:
     """Write the model card of the policy `name` beside its checkpoints.
 
@@ -58,6 +75,6 @@ def write_policy_card(folder: Path, name: str) -> None:
         CheckpointError: If one of them is missing or damaged.
         OutputError: If it cannot be written.
     """
-    here = [part for part in PARTS if part != "detector-right" or (folder / part).is_dir()]
+    here = [part for part in PARTS if part not in OPTIONAL or (folder / part).is_dir()]
     documents = {part: read_document(folder / part) for part in here}
     write_whole(folder / CARD_FILE, policy_card(name, documents))

@@ -1,6 +1,11 @@
 """Policies: checkpoint; image and sentence to joint angles, and the evidence for them."""
 
-from fusionnet.models.policy_folder import SHIPPED, detector_folder, weights_folder
+from fusionnet.models.policy_folder import (
+    SHIPPED,
+    detector_folder,
+    view_detector_folder,
+    weights_folder,
+)
 from fusionnet.policy._answer import LEAST_SCORE, Answer, Detection, Pose
 from fusionnet.policy._attention import Attention
 from fusionnet.policy._check import FARTHEST, disagreement
@@ -29,6 +34,7 @@ __all__ = [
     "detector_folder",
     "disagreement",
     "load_policy",
+    "view_detector_folder",
     "weights_folder",
     "with_boxed_blocks",
 ]

@@ -28,7 +28,7 @@ from fusionnet.errors import DataError, InputError
 from fusionnet.files import check_folder, check_new_folder, folder_whole
 from fusionnet.models.end_to_end import EndToEnd, Taught
 from fusionnet.models.fusionnet import FusionNet
-from fusionnet.models.policy_folder import weights_folder, write_policy_card
+from fusionnet.models.policy_folder import OPTIONAL, weights_folder, write_policy_card
 from fusionnet.models.retinanet import RetinaNet
 from fusionnet.models.translator import Translator
 from fusionnet.training.eye_commands import EndToEndBatch, EyeCommands
@@ -289,7 +289,7 @@ def save(model: EndToEnd, config: EndToEndConfig, metadata: dict[str, Any]) -> N
         model.detector.save(aside / "detector", metadata)
         model.translator.save(aside / "translator", metadata=metadata, half=True)
         model.fusion.save(aside / "fusion", metadata)
-        right = weights_folder(config.start) / "detector-right"
-        if right.is_dir():
-            shutil.copytree(right, aside / "detector-right")
+        for part in OPTIONAL:
+            if (kept := weights_folder(config.start) / part).is_dir():
+                shutil.copytree(kept, aside / part)
         write_policy_card(aside, config.out.name)

@@ -1,9 +1,9 @@
 """Train a whole policy, from nothing but a corpus: `fusionnet train policy`.
 
 The recipe of the policy that we ship, part after part: pictures are built, the detector of the
-left eye learns from them, then that of the right one, the translator from sentences, and
-FusionNet from what the detector says of pictures. Each part is kept where it was finished, so
-that a run that was stopped goes on.
+left eye learns from them, then that of the right one and that of pictures from anywhere, the
+translator from sentences, and FusionNet from what the detector says of pictures. Each part is
+kept where it was finished, so that a run that was stopped goes on.
 """
 
 import json
@@ -48,13 +48,15 @@ class PolicyConfig:
         data: Folder of the corpus.
         eye: Pictures of varied and invented layouts through the left eye.
         right: The same through the right eye; 0 for a policy of one eye.
-        drawn: Pictures of blocks drawn over drawn views, of which boxes alone are learnt.
+        drawn: Pictures of blocks drawn over drawn views, for the detector of boxes alone.
         views: How many views are drawn.
-        rooms: Pictures of blocks drawn over the shipped rooms, of which boxes alone are learnt.
+        rooms: Pictures of blocks drawn over the shipped rooms, for that detector; with neither,
+            the policy has none.
         read: Pictures from which FusionNet learns how the detector errs.
         batch: Pictures a step of a detector.
         detector: Loop of the left eye's detector, which begins with nothing.
         detector_right: Loop of the right eye's, which begins with the left one's weights.
+        detector_views: Loop of that of boxes alone, which begins with them, too.
         translator: Loop of the translator.
         fusion: Loop of FusionNet.
         seed: Source of all randomness.
@@ -74,6 +76,7 @@ class PolicyConfig:
     batch: int = 8
     detector: LoopConfig = field(default_factory=lambda: _detector_loop(7500))
     detector_right: LoopConfig = field(default_factory=lambda: _detector_loop(900))
+    detector_views: LoopConfig = field(default_factory=lambda: _detector_loop(3000))
     translator: LoopConfig = field(default_factory=lambda: TranslatorConfig().loop)
     fusion: LoopConfig = field(default_factory=lambda: FusionConfig().loop)
     seed: int = 0
@@ -91,7 +94,13 @@ class PolicyConfig:
                 "right, drawn and rooms are numbers of pictures, 0 for none; received "
                 f"{self.right}, {self.drawn} and {self.rooms}."
             )
-        loops = (self.detector, self.detector_right, self.translator, self.fusion)
+        loops = (
+            self.detector,
+            self.detector_right,
+            self.detector_views,
+            self.translator,
+            self.fusion,
+        )
         if any(loop.devices > 1 for loop in loops):
             raise InputError(
                 "A whole policy is trained on one device; `fusionnet train detector`, `translator` "
@@ -120,6 +129,8 @@ def train(config: PolicyConfig, bars: Bars) -> dict[str, Any]:
     parts = {"detector": _detector, "translator": _translator, "fusion": _fusion}
     if config.right:
         parts["detector-right"] = _detector_right
+    if config.drawn or config.rooms:
+        parts["detector-views"] = _detector_views
     for name, make in parts.items():
         if not (_part(config, name) / CONFIG_FILE).is_file():
             make(config, bars)
@@ -149,8 +160,23 @@ def _same_settings(config: PolicyConfig) -> None:
 
 def _detector(config: PolicyConfig, bars: Bars) -> None:
     seen = dict(varied=0.94, invented=0.5, displaced=0.3)
+    detector.train(
+        DetectorConfig(
+            datasets=(_built(config, "eye", config.eye, seen, bars),),
+            out=_part(config, "detector"),
+            work=config.work / "detector",
+            batch=config.batch,
+            empty=0,
+            loop=config.detector,
+            seed=config.seed,
+        ),
+        progress=bars("left eye's detector"),
+    )
+
+
+def _detector_views(config: PolicyConfig, bars: Bars) -> None:
     over = dict(varied=0.95, invented=0.55, noised=0.7, eyes_share=0.0)
-    sets = [_built(config, "eye", config.eye, seen, bars)]
+    sets = []
     if config.drawn:
         views = config.work / "drawn-views"
         if not views.is_dir():
@@ -167,13 +193,15 @@ def _detector(config: PolicyConfig, bars: Bars) -> None:
     detector.train(
         DetectorConfig(
             datasets=tuple(sets),
-            out=_part(config, "detector"),
-            work=config.work / "detector",
+            out=_part(config, "detector-views"),
+            work=config.work / "detector-views",
+            start=_part(config, "detector"),
+            layouts=False,
             batch=config.batch,
-            loop=config.detector,
+            loop=config.detector_views,
             seed=config.seed,
         ),
-        progress=bars("left eye's detector"),
+        progress=bars("detector of other views"),
     )
 
 
@@ -187,6 +215,7 @@ def _detector_right(config: PolicyConfig, bars: Bars) -> None:
             start=_part(config, "detector"),
             eye="right_eye",
             batch=config.batch,
+            empty=0,
             loop=config.detector_right,
             seed=config.seed,
         ),
