@@ -73,9 +73,9 @@ class Sight:
     camera: PinholeCamera
 
 
-BOARD_SEEN = 0.4
-"""Least `board_evidence` at which a board is taken to be seen: chosen on 60 rendered boards, of
-which 59 reached it, and 40 pictures without one, of which one did."""
+BOARD_SEEN = 0.5
+"""Least `board_evidence` at which a board is taken to be seen: as many boards are then overlooked,
+crowded ones, as other pictures are taken for one (`benchmarks/board_seen.py`)."""
 
 
 def board_evidence(image: UInt8[np.ndarray, "h w 3"], corners: Float[np.ndarray, "81 2"]) -> float:
