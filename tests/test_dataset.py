@@ -264,8 +264,8 @@ def test_a_shard_cut_short_is_named_and_made_again_alone(tmp_path, built, plan, 
 def test_an_older_schema_is_named(tmp_path, built):
     folder = shutil.copytree(built, tmp_path / "set")
     plan_file = folder / "plan.json"
-    plan_file.write_text(plan_file.read_text().replace('"schema": 1', '"schema": 0'))
-    with pytest.raises(DataError, match="version 0 of the schema; this FusionNet reads version"):
+    plan_file.write_text(plan_file.read_text().replace('"schema": 2', '"schema": 1'))
+    with pytest.raises(DataError, match="version 1 of the schema; this FusionNet reads version"):
         StoredSamples(folder, "train")
     shutil.copy(built / "plan.json", plan_file)
     file = folder / "data" / "train-00000-of-00003.parquet"

@@ -11,11 +11,10 @@ from hypothesis import strategies as st
 from dataset_fixtures import small_plan, small_sources
 from fusionnet.blocks import BLOCK_SIZE, EMPTY, Block, Cell, Color, Layout, Shape, validate
 from fusionnet.dataset.build import build
-from fusionnet.dataset.framing import frame_of, labels_of
 from fusionnet.dataset.layouts import varied_layout
 from fusionnet.dataset.pictures import EYE_FRAME, label
-from fusionnet.dataset.reader import StoredPictures
-from fusionnet.dataset.shots import DISPLACED, FARTHEST
+from fusionnet.dataset.reader import StoredPictures, StoredSamples
+from fusionnet.dataset.shots import FARTHEST, Eyes
 from fusionnet.errors import InputError
 from fusionnet.evaluation.detection import DetectionEvaluation, evaluate
 from fusionnet.models import retinanet
@@ -254,26 +253,29 @@ def test_offsets_are_learnt_of_blocks_that_can_be_seen(model):
 
 
 def test_stored_pictures_tell_how_far_blocks_stand_beside_their_cells(stored, model):
-    pictures = StoredPictures(stored, "train")
+    pictures, samples = StoredPictures(stored, "train"), StoredSamples(stored, "train")
     for index in range(len(pictures)):
-        sample, labels = pictures.samples[index], pictures[index][1]
+        sample, labels = samples[index], pictures[index][1]
         if not labels.by_eye:
-            assert (labels.offsets == 0).all()
             continue
         look = Appearance.sample(generator(sample["seed"], "look"))
         places = sample["block_cells"]
-        np.testing.assert_array_equal(labels.offsets[places, :2], look.block_shifts[: len(places)])
-        np.testing.assert_array_equal(labels.offsets[places, 2], look.block_turns[: len(places)])
+        wanted = np.column_stack([look.block_shifts, look.block_turns])[: len(places)]
+        np.testing.assert_allclose(labels.offsets[places], wanted, atol=1e-8)
         assert (labels.offsets[labels.cells == EMPTY] == 0).all()
-        kept, frame = labels.offsets, frame_of(sample)
-        sample["noise"] = json.dumps({"kind": DISPLACED})
-        far = np.linalg.norm((labels_of(sample, frame).offsets - kept)[:, :2], axis=1)
-        assert 0.001 < far.max() <= FARTHEST
         batch = collate([pictures[index]])
         truth = model.pose_head.target(batch.matrix, batch.camera_from_board)
         wanted = model.offsets(truth, truth, batch)[0]
         filled = torch.from_numpy(labels.cells != EMPTY)
         assert (wanted[~filled].abs() < 1e-3).all() and 0.1 < wanted[filled].abs().mean() < 2.0
+
+
+def test_displaced_blocks_are_told_from_those_that_are_not():
+    eyes = Eyes("nico", (240, 135))
+    kept, moved = (eyes.shot(TABLE, "left_eye", 3, displaced=d).offsets for d in (False, True))
+    far = np.linalg.norm((moved - kept)[:, :2], axis=1)
+    assert far[0] == 0.0 and 0.001 < far.max() <= FARTHEST  # the first is beneath another
+    np.testing.assert_array_equal(moved[:, 2], kept[:, 2])
 
 
 def test_half_precision_does_not_displace_pixels(model):

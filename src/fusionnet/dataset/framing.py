@@ -4,7 +4,6 @@ Through one of the robot's eyes it is the eye's fixed crop; in an environmental 
 the 8x8x8 grid appears, with a margin (thesis 6.1).
 """
 
-import json
 from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
@@ -13,17 +12,15 @@ import cv2
 import numpy as np
 from jaxtyping import Float, UInt8
 
-from fusionnet.blocks import BLOCK_SIZE, EMPTY, GRID, layout_from_json
+from fusionnet.blocks import BLOCK_SIZE, EMPTY, GRID
 from fusionnet.dataset.frame import PictureFrame
 from fusionnet.dataset.pictures import (
     EYE_FRAME,
     EYE_FRAMES,
     LEAST_PIXELS,
     Labels,
-    block_offsets,
 )
 from fusionnet.dataset.recipes import EYE
-from fusionnet.dataset.shots import DISPLACED, eye_look
 from fusionnet.errors import DataError, InputError
 
 MARGIN = 0.06
@@ -115,9 +112,11 @@ def labels_of(sample: Mapping[str, Any], frame: PictureFrame) -> Labels:
     """
     scale = np.array(frame.eye_size) / [sample["width"], sample["height"]]
     cells, visible = np.full(512, EMPTY), np.zeros(512, dtype=int)
+    offsets = np.zeros((512, 3))
     places = np.asarray(sample["block_cells"], dtype=int)
     pixels = np.asarray(sample["block_pixels"], dtype=int)
     cells[places] = np.asarray(sample["block_classes"], dtype=int)
+    offsets[places] = np.asarray(sample["block_offsets"], dtype=float).reshape(-1, 3)
     visible[places] = np.rint(pixels * scale.prod()).astype(int)
     boxes = np.asarray(sample["boxes"], dtype=float).reshape(-1, 4) * np.tile(scale, 2)
     owners = np.asarray(sample["box_blocks"], dtype=int)
@@ -132,19 +131,12 @@ def labels_of(sample: Mapping[str, Any], frame: PictureFrame) -> Labels:
         hidden=np.asarray(sample["box_hidden"], dtype=bool)[shown],
         cells=cells,
         visible=visible,
-        offsets=_offsets(sample) if by_known_eye(sample) else np.zeros((512, 3)),
+        offsets=offsets,
         holding=bool(sample["holding"]),
         matrix=frame.matrix(matrix),
         camera_from_board=np.array(sample["camera"]["camera_from_board"]).reshape(4, 4),
         by_eye=by_known_eye(sample),
     )
-
-
-def _offsets(sample: Mapping[str, Any]) -> Float[np.ndarray, "512 3"]:
-    """How far blocks stand beside their cells' middles: it follows from the sample's causes."""
-    layout = layout_from_json(json.loads(sample["before"]))
-    displaced = json.loads(sample["noise"]).get("kind") == DISPLACED
-    return block_offsets(layout, eye_look(layout, sample["seed"], displaced))
 
 
 def decode(

@@ -39,12 +39,10 @@ LABEL_COLUMNS = (
     "block_cells",
     "block_classes",
     "block_pixels",
+    "block_offsets",
     "holding",
-    "before",
     "camera",
     "robot",
-    "noise",
-    "seed",
 )
 """What `StoredPictures` reads of a sample."""
 

@@ -18,7 +18,7 @@ from fusionnet.randomness import generator
 from fusionnet.rcl import Leaf, Tree
 from fusionnet.rcl import format as format_tree
 from fusionnet.sentences import variants
-from fusionnet.simulation import View, joint_targets
+from fusionnet.simulation import joint_targets
 
 VARIANTS = 3
 """Perturbed variants of each sentence (thesis 3.4.1)."""
@@ -42,7 +42,7 @@ def make_sample(recipe: Recipe, shot: Shot, robot: str, quality: int) -> dict[st
         "image": {"bytes": encode_jpeg(view.image, quality), "path": f"{recipe.id}.jpg"},
         "width": width,
         "height": height,
-        **_blocks(command.scene.before, view),
+        **_blocks(command.scene.before, shot),
         **_language(command, recipe.seed),
         "before": json.dumps(layout_to_json(command.scene.before)),
         "after": json.dumps(layout_to_json(command.scene.after)),
@@ -96,7 +96,8 @@ def alignments(tree: Tree) -> list[dict[str, Any]]:
     return found
 
 
-def _blocks(layout: Layout, view: View) -> dict[str, Any]:
+def _blocks(layout: Layout, shot: Shot) -> dict[str, Any]:
+    view = shot.view
     assert view.block_at is not None
     return {
         "boxes": view.boxes.astype(np.float32).tolist(),
@@ -108,6 +109,7 @@ def _blocks(layout: Layout, view: View) -> dict[str, Any]:
         "block_classes": [block.class_index for block in layout.blocks],
         "block_pixels": view.visible.tolist(),
         "block_shares": view.shares.tolist(),
+        "block_offsets": shot.offsets.astype(np.float32).tolist(),
         "holding": layout.held is not None,
     }
 

@@ -13,7 +13,7 @@ import pyarrow as pa
 from fusionnet.blocks import CLASS_NAMES
 from fusionnet.errors import DataError
 
-SCHEMA_VERSION = 1
+SCHEMA_VERSION = 2
 """Raised whenever a column is added, dropped, or means something else."""
 
 VERSION_KEY = b"fusionnet.schema"
@@ -65,6 +65,11 @@ COLUMNS: dict[str, tuple[pa.DataType, str]] = {
     "block_classes": (pa.list_(pa.int64()), "shape and colour of each block of `before`"),
     "block_pixels": (pa.list_(pa.int32()), "visible pixels of each block of `before`"),
     "block_shares": (pa.list_(pa.float32()), "visible share of each block of `before`, 0 to 1"),
+    "block_offsets": (
+        pa.list_(pa.list_(pa.float32(), 3)),
+        "how far each block of `before` stands beside the middle of its cell along x and y of the "
+        "board [m], and its turn about the vertical [rad]",
+    ),
     "holding": (pa.bool_(), "whether the gripper holds a block before the move"),
     "sentence": (pa.string(), "what is asked"),
     "tree": (pa.string(), "its meaning in Robot Command Language, with word positions"),

@@ -34,12 +34,15 @@ class Shot:
         camera_from_board: Pose of the camera.
         environment: Name of the environment.
         noise: What was varied, as JSON.
+        offsets: How far each block of the layout stands beside its cell's middle, along x and y of
+            the board in metres, and how far it is turned about the vertical, in radians.
     """
 
     view: View
     camera_from_board: Float[np.ndarray, "4 4"]
     environment: str
     noise: str
+    offsets: Float[np.ndarray, "n 3"]
 
 
 class Eyes:
@@ -65,7 +68,10 @@ class Eyes:
             seed: Of the look.
             displaced: Whether top blocks stand up to `FARTHEST` beside the middle of their cells.
         """
-        look = eye_look(layout, seed, displaced)
+        look = Appearance.sample(generator(seed, "look"))
+        if displaced:
+            shifts = displacements(layout, FARTHEST, generator(seed, "displacement"))
+            look.block_shifts[: len(shifts)] += shifts
         kind = DISPLACED if displaced else "appearance"
         view = self._renderer.view(layout, camera=camera, appearance=look, masks=True)
         board = self._renderer.robot.robot_from_board
@@ -74,16 +80,8 @@ class Eyes:
             camera_from_board=view.camera.camera_from_robot @ board,
             environment=SIMULATION,
             noise=json.dumps({"kind": kind, **_short_values(look)}),
+            offsets=np.column_stack([look.block_shifts, look.block_turns])[: len(layout.blocks)],
         )
-
-
-def eye_look(layout: Layout, seed: int, displaced: bool) -> Appearance:
-    """The look in which `Eyes.shot` shows a layout."""
-    look = Appearance.sample(generator(seed, "look"))
-    if displaced:
-        shifts = displacements(layout, FARTHEST, generator(seed, "displacement"))
-        look.block_shifts[: len(shifts)] += shifts
-    return look
 
 
 class Photographs:
@@ -121,7 +119,7 @@ class Photographs:
         """
         if name not in self._views:
             raise UnknownNameError(f"No view called {name!r}; available: {', '.join(self._views)}.")
-        photograph = self._views[name]
+        photograph, offsets = self._views[name], np.zeros((len(layout.blocks), 3))
         if not noised:
             view = self._renderer.view(layout, photograph, masks=True)
             noise: dict[str, Any] = {"kind": "none"}
@@ -129,6 +127,7 @@ class Photographs:
             rng = generator(seed, "look")
             look = self._noise.sample(rng, max(len(layout.blocks), 1))
             view = self._renderer.view(layout, photograph, look, masks=True)
+            offsets = np.column_stack([look.shifts[:, :2], look.turns[:, 2]])[: len(offsets)]
             kind = "level one"
             if self._sensor is not None:
                 view = replace(view, image=self._sensor.apply(view.image, rng))
@@ -139,6 +138,7 @@ class Photographs:
             camera_from_board=photograph.camera_from_board,
             environment=photograph.environment,
             noise=json.dumps(noise),
+            offsets=offsets,
         )
 
 
