@@ -417,3 +417,18 @@ def test_a_detector_of_boxes_alone_is_trained_resumed_and_measured(stored, tmp_p
     assert measured["n"] == 1 and "layouts_right" not in measured
     with pytest.raises(InputError, match="finds boxes only"):
         evaluate(DetectionEvaluation(checkpoint=str(config.out)))
+
+
+def test_prisms_may_count_more_often():
+    torch.manual_seed(0)
+    losses = {}
+    for prisms in (1.0, 3.0):
+        head = BoxHead(channels=8, config=BoxConfig(strides=(8,), sizes=((16.0,),), prisms=prisms))
+        logits = torch.full((1, 36, 16), -3.0)
+        anchors = head._anchors_of([torch.zeros(1, 8, 6, 6)])
+        outputs = BoxOutputs(logits, torch.zeros(1, 36, 4), anchors, (48, 48))
+        for kind in (2, 10):  # a red cube, a red prism
+            truth = Boxes(anchors[14:15], torch.tensor([kind]), torch.ones(1))
+            losses[prisms, kind] = float(head.losses(outputs, [truth])["class"])
+    assert losses[3.0, 2] == losses[1.0, 2] == losses[1.0, 10]
+    assert losses[3.0, 10] > 2 * losses[1.0, 10]

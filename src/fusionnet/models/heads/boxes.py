@@ -16,12 +16,13 @@ from torchvision.models.detection._utils import BoxCoder, Matcher
 from torchvision.models.detection.anchor_utils import AnchorGenerator
 from torchvision.ops import batched_nms, box_iou, clip_boxes_to_image, sigmoid_focal_loss
 
-from fusionnet.blocks import CLASS_NAMES
+from fusionnet.blocks import CLASS_NAMES, Shape
 from fusionnet.errors import InputError
 from fusionnet.models.heads._head import Example, Features, Head
 from fusionnet.models.labelled_boxes import Boxes, BoxPrecision
 
 CLASSES = len(CLASS_NAMES)
+PRISMS = [i for i, name in enumerate(CLASS_NAMES) if name.startswith(Shape.PRISM)]
 CANDIDATES = 1000
 SCORE = 0.05
 OVERLAP = 0.5
@@ -41,6 +42,8 @@ class BoxConfig:
         kernel: Edge of the last convolution's kernel.
         prior: Bias of the last classifying convolution; the logit of the share of anchors
             that are expected to hold a block (thesis 4.1.2: -2).
+        prisms: How often an anchor on a prism counts in the loss of the classes: there are few, and
+            from above little tells them from cubes.
     """
 
     strides: tuple[int, ...] = (8,)
@@ -50,6 +53,7 @@ class BoxConfig:
     width: int = 64
     kernel: int = 1
     prior: float = -math.log(99)
+    prisms: float = 1.0
 
     def __post_init__(self) -> None:
         """Refuse levels that do not fit."""
@@ -154,7 +158,9 @@ class BoxHead(nn.Module):
             wanted[found, boxes.classes[matched[found]]] = 1.0
             considered = matched != Matcher.BETWEEN_THRESHOLDS
             count = max(1, int(found.sum()))
-            class_losses.append(_focal(logits[considered], wanted[considered]) / count)
+            counts = torch.where(wanted[:, PRISMS].any(dim=1), self.config.prisms, 1.0)[considered]
+            losses = _focal(logits[considered], wanted[considered], "none").sum(dim=1)
+            class_losses.append((counts * losses).sum() / count)
             goal = self.coder.encode_single(boxes.xyxy[matched[found]], anchors[found])
             box_losses.append(
                 nn.functional.smooth_l1_loss(offset[found], goal, beta=0.1, reduction="sum") / count
@@ -196,8 +202,8 @@ def _found(outputs: BoxOutputs, coder: BoxCoder) -> list[Boxes]:
     return found
 
 
-def _focal(logits: Tensor, wanted: Tensor) -> Tensor:
-    return sigmoid_focal_loss(logits, wanted, alpha=0.5, gamma=2.0, reduction="sum")
+def _focal(logits: Tensor, wanted: Tensor, reduction: str = "sum") -> Tensor:
+    return sigmoid_focal_loss(logits, wanted, alpha=0.5, gamma=2.0, reduction=reduction)
 
 
 def by_anchor(output: Float[Tensor, "b _ h w"], values: int) -> Float[Tensor, "b n {values}"]:
