@@ -7,7 +7,7 @@ import pytest
 
 from fusionnet.dataset.pictures import Labels
 from fusionnet.randomness import generator
-from fusionnet.training.empty_pictures import empty_picture
+from fusionnet.training.empty_pictures import empty_picture, shaded_leaves
 from fusionnet.training.picture_variation import varied, varied_view
 
 SIZE = (352, 304)
@@ -72,3 +72,13 @@ def test_views_alone_show_blocks_from_half_to_twice_as_large():
         _, labels = varied_view(*one_square(by_eye=False), size, generator(seed, "widths"))
         widths += list(labels.boxes[:, 2] - labels.boxes[:, 0])
     assert min(widths) < 0.6 * 25 and max(widths) > 2 * 25
+
+
+def test_leaves_are_of_all_sizes_and_shaded():
+    pictures = [shaded_leaves(generator(seed, "leaves"), SIZE) for seed in range(8)]
+    assert all(picture.shape == (304, 352, 3) for picture in pictures)
+    assert any((p.max(axis=2) - p.min(axis=2)).mean() < 10 for p in pictures)  # without colour
+    assert any((p.max(axis=2) - p.min(axis=2)).mean() > 30 for p in pictures)
+    assert min(p.std() for p in pictures) > 20
+    again = shaded_leaves(generator(0, "leaves"), SIZE)
+    np.testing.assert_array_equal(again, pictures[0])

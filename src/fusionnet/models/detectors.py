@@ -123,7 +123,7 @@ def compact(
 def views(frame: PictureFrame) -> RetinaNetConfig:
     """Boxes alone, of blocks of any size: what we ship for pictures that no eye of ours took."""
     sizes = ((8.0, 11.0, 15.0), (20.0, 28.0, 38.0), (52.0, 70.0, 95.0))
-    boxes = BoxConfig(depth=2, strides=(4, 8, 16), sizes=sizes, prisms=4.0)
+    boxes = BoxConfig(depth=2, strides=(4, 8, 16), sizes=sizes, prisms=2.0)
     return RetinaNetConfig(frame=frame, boxes=boxes)
 
 
