@@ -39,7 +39,7 @@ def _detector_loop(steps: int) -> LoopConfig:
 
 @dataclass(frozen=True, kw_only=True)
 class PolicyConfig:
-    """How to train a whole policy; the defaults take one core about four hours.
+    """How to train a whole policy; the defaults take one core about five hours.
 
     Attributes:
         out: A new folder for the policy.
