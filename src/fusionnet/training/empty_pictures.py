@@ -58,7 +58,7 @@ def shaded_leaves(rng: np.random.Generator, size: tuple[int, int]) -> UInt8[np.n
         _add_leaf(picture, rng, float(radius))
     if rng.random() < GRAY:
         picture[:] = picture.mean(axis=2, keepdims=True)
-    picture = cv2.GaussianBlur(picture, (0, 0), rng.uniform(0.4, 1.6))
+    cv2.GaussianBlur(picture, (0, 0), rng.uniform(0.4, 1.6), dst=picture)
     picture += rng.normal(0.0, rng.uniform(0.002, 0.02), picture.shape).astype(np.float32)
     return (255 * picture.clip(0, 1)).astype(np.uint8)
 
