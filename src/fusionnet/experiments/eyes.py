@@ -205,6 +205,7 @@ EXPERIMENT = Experiment(
             title="Commands",
         ),
     ),
-    caution="The two readers are no equals: the right one began with the weights of the left one's "
-    "release before, and learnt for less long. Some of what two readers gain, any two would.",
+    caution="The two readers are no equals: the right one began with the weights of the left one, "
+    "learnt for less long, and looks from farther beside the middle of the board. Some of what two "
+    "readers gain, any two would.",
 )
