@@ -32,6 +32,10 @@ _MEASURED = {
     "exact": ("commands whose tree is read exactly", ""),
     "sentence_accuracy": ("commands whose tree is written exactly", ""),
     "layout_right": ("pictures whose layout is read exactly", "val"),
+    "map_50": (
+        "mean average precision of boxes, at an overlap of 0.5, in views not learnt from",
+        "val",
+    ),
     "test exact": ("commands of which both cells are right, layouts without doubt", "test"),
     "test soft": ("commands of which both cells are right, layouts read with doubt", "test"),
 }
