@@ -57,6 +57,7 @@ def main(config: Config) -> None:
     layouts = list({id(layout): layout for s in scenes for layout in (s.before, s.after)}.values())
     renderer = SceneRenderer("nico", size=frame.eye_size)
     found: dict[str, BoxPrecision] = {}
+    off: dict[str, list[float]] = {"estimated": [], "put right": []}
     for index in range(config.pictures):
         look = Appearance.sample(generator(config.seed, "detection", config.split, index))
         picture, truth = label(renderer, layouts[index % len(layouts)], look, frame)
@@ -64,6 +65,8 @@ def main(config: Config) -> None:
         logits = outputs["cells"].logits[0].double() / model.config.temperature
         batch, estimated = collate([(picture, truth)]), outputs["used_pose"]
         camera = model.pose_head.target(batch.matrix, batch.camera_from_board)
+        for name, pose in zip(off, (outputs["pose"][-1], estimated), strict=True):
+            off[name].append(float(model.pose_head.metric([pose], camera)[0]))
         read, offsets = logits.softmax(-1).numpy(), outputs["cells"].offsets
         true, beside = np.eye(EMPTY + 1)[truth.cells], model.offsets(camera, camera, batch)
         wanted = batch.boxes[0]
@@ -80,9 +83,10 @@ def main(config: Config) -> None:
             found.setdefault(name, BoxPrecision()).update(boxes, wanted)
     numbers: dict[str, Any] = {name: precision.compute() for name, precision in found.items()}
     report = {
-        "command": "python benchmarks/box_ceiling.py --data DIR",
+        "command": f"python benchmarks/box_ceiling.py --data DIR --pictures {config.pictures}",
         "split": config.split,
         "n": config.pictures,
+        "camera_pixels_off": {name: round(float(np.mean(o)), 3) for name, o in off.items()},
         "precision": {
             name: {key: value[key] for key in ("map_50", "map_50_95")}
             for name, value in numbers.items()

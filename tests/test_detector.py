@@ -396,7 +396,7 @@ def test_rotations_are_exact_and_smooth_at_zero():
     torch.testing.assert_close(ours, theirs, atol=1e-5, rtol=0)
 
 
-def test_a_detector_of_boxes_alone_is_trained_resumed_and_measured(stored, tmp_path):
+def test_a_detector_of_boxes_alone_is_trained_and_measured(stored, tmp_path):
     config = DetectorConfig(
         datasets=(stored,),
         out=tmp_path / "boxes",

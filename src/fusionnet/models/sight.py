@@ -74,8 +74,8 @@ class Sight:
 
 
 BOARD_SEEN = 0.5
-"""Least `board_evidence` at which a board is taken to be seen: as many boards are then overlooked,
-crowded ones, as other pictures are taken for one (`benchmarks/board_seen.py`)."""
+"""Least `board_evidence` at which a board is taken to be seen: about as large a share of boards is
+then overlooked as of other pictures is taken for one (`benchmarks/board_seen.py`)."""
 
 
 def board_evidence(image: UInt8[np.ndarray, "h w 3"], corners: Float[np.ndarray, "81 2"]) -> float:

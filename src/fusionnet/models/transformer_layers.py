@@ -5,6 +5,7 @@ References:
 """
 
 from collections.abc import Iterator
+from typing import cast
 
 from jaxtyping import Bool, Float
 from torch import Tensor, nn
@@ -94,4 +95,4 @@ class Stack(nn.ModuleList):
     """Layers, the first one first."""
 
     def __iter__(self) -> Iterator[Layer]:
-        return super().__iter__()  # type: ignore[return-value]
+        return cast(Iterator[Layer], super().__iter__())

@@ -24,7 +24,7 @@ from fusionnet.randomness import derived_seed
 from fusionnet.training import detector, fusion, translator
 from fusionnet.training.detector import DetectorConfig
 from fusionnet.training.fusion import FusionConfig
-from fusionnet.training.loop import LoopConfig
+from fusionnet.training.loop import LoopConfig, Progress
 from fusionnet.training.state import check_settings, settings_of
 from fusionnet.training.translator import TranslatorConfig
 from fusionnet.views import save_views
@@ -158,69 +158,53 @@ def _same_settings(config: PolicyConfig) -> None:
         write_whole(file, json.dumps(told, indent=1))
 
 
+SEEN = {"varied": 0.94, "invented": 0.5, "displaced": 0.3}
+"""How pictures through an eye are built."""
+
+OVER = {"varied": 0.95, "invented": 0.55, "noised": 0.7, "eyes_share": 0.0}
+"""How pictures over views are built."""
+
+
 def _detector(config: PolicyConfig, bars: Bars) -> None:
-    seen = dict(varied=0.94, invented=0.5, displaced=0.3)
-    detector.train(
-        DetectorConfig(
-            datasets=(_built(config, "eye", config.eye, seen, bars),),
-            out=_part(config, "detector"),
-            work=config.work / "detector",
-            batch=config.batch,
-            empty=0,
-            loop=config.detector,
-            seed=config.seed,
-        ),
-        progress=bars("left eye's detector"),
-    )
+    sets = (_built(config, "eye", config.eye, SEEN, bars),)
+    made = DetectorConfig(datasets=sets, empty=0, loop=config.detector)
+    _train_detector(config, "detector", made, bars("left eye's detector"))
+
+
+def _detector_right(config: PolicyConfig, bars: Bars) -> None:
+    sets = (_built(config, "right", config.right, SEEN | {"eyes": ("right_eye",)}, bars),)
+    start, loop = _part(config, "detector"), config.detector_right
+    made = DetectorConfig(datasets=sets, start=start, eye="right_eye", empty=0, loop=loop)
+    _train_detector(config, "detector-right", made, bars("right eye's detector"))
 
 
 def _detector_views(config: PolicyConfig, bars: Bars) -> None:
-    over = dict(varied=0.95, invented=0.55, noised=0.7, eyes_share=0.0)
     sets = []
     if config.drawn:
         views = config.work / "drawn-views"
         if not views.is_dir():
-            made = drawn_views(
+            drawn = drawn_views(
                 config.views,
                 derived_seed(config.seed, "policy", "views"),
                 validation=max(1, config.views // 15),
                 progress=bars("drawn views"),
             )
-            save_views(views, made)
-        sets.append(_built(config, "drawn", config.drawn, over, bars, str(views)))
+            save_views(views, drawn)
+        sets.append(_built(config, "drawn", config.drawn, OVER, bars, str(views)))
     if config.rooms:
-        sets.append(_built(config, "rooms", config.rooms, over, bars, "rooms"))
-    detector.train(
-        DetectorConfig(
-            datasets=tuple(sets),
-            out=_part(config, "detector-views"),
-            work=config.work / "detector-views",
-            start=_part(config, "detector"),
-            layouts=False,
-            batch=config.batch,
-            loop=config.detector_views,
-            seed=config.seed,
-        ),
-        progress=bars("detector of other views"),
-    )
+        sets.append(_built(config, "rooms", config.rooms, OVER, bars, "rooms"))
+    start, loop = _part(config, "detector"), config.detector_views
+    made = DetectorConfig(datasets=tuple(sets), start=start, layouts=False, loop=loop)
+    _train_detector(config, "detector-views", made, bars("detector of other views"))
 
 
-def _detector_right(config: PolicyConfig, bars: Bars) -> None:
-    seen = dict(varied=0.94, invented=0.5, displaced=0.3, eyes=("right_eye",))
-    detector.train(
-        DetectorConfig(
-            datasets=(_built(config, "right", config.right, seen, bars),),
-            out=_part(config, "detector-right"),
-            work=config.work / "detector-right",
-            start=_part(config, "detector"),
-            eye="right_eye",
-            batch=config.batch,
-            empty=0,
-            loop=config.detector_right,
-            seed=config.seed,
-        ),
-        progress=bars("right eye's detector"),
-    )
+def _train_detector(
+    config: PolicyConfig, name: str, made: DetectorConfig, progress: Progress
+) -> None:
+    """Train one of the detectors, where the policy keeps it."""
+    out, work = _part(config, name), config.work / name
+    made = replace(made, out=out, work=work, batch=config.batch, seed=config.seed)
+    detector.train(made, progress=progress)
 
 
 def _translator(config: PolicyConfig, bars: Bars) -> None:
