@@ -223,16 +223,15 @@ def new_detector(
 ) -> RetinaNet:
     """An untrained detector for one of a robot's eyes, or of boxes alone."""
     frame = EYE_FRAMES[eye]
-    if not layouts:
-        with torch.random.fork_rng(devices=[]):
-            torch.manual_seed(seed)
-            return RetinaNet(views(frame))
-    renderer = SceneRenderer(robot, size=frame.eye_size)
-    camera = renderer.view(Layout(()), camera=eye, labels=False).camera
-    camera_from_board = camera.camera_from_robot @ renderer.robot.robot_from_board
+    config = views(frame)
+    if layouts:
+        renderer = SceneRenderer(robot, size=frame.eye_size)
+        camera = renderer.view(Layout(()), camera=eye, labels=False).camera
+        camera_from_board = camera.camera_from_robot @ renderer.robot.robot_from_board
+        config = compact(frame, camera.matrix.tolist(), camera_from_board.tolist())
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(seed)
-        return RetinaNet(compact(frame, camera.matrix.tolist(), camera_from_board.tolist()))
+        return RetinaNet(config)
 
 
 def collate(
@@ -279,7 +278,7 @@ def batches(
     seed: int,
     first: int,
     empty: int = 0,
-    views: tuple[int, int] | None = None,
+    boxes_size: tuple[int, int] | None = None,
 ) -> Iterator[Batch]:
     """Endless shuffled batches from step `first` on; the same for a resumed run.
 
@@ -289,7 +288,7 @@ def batches(
         seed: Of order and variation.
         first: Step to begin with.
         empty: Pictures without blocks that each batch gets besides.
-        views: Width and height of the network's input if boxes alone are learnt.
+        boxes_size: Width and height of the network's input if boxes alone are learnt.
     """
     size = min(size, len(pictures))
     a_epoch = len(pictures) // size
@@ -300,9 +299,9 @@ def batches(
         for start in range(row * size, a_epoch * size, size):
             rng = generator(seed, "augment", step)
             chosen = [pictures[int(i)] for i in order[start : start + size]]
-            shape = views or (chosen[0][0].shape[1], chosen[0][0].shape[0])
-            if views is not None:
-                different = [varied_view(image, labels, views, rng) for image, labels in chosen]
+            shape = boxes_size or (chosen[0][0].shape[1], chosen[0][0].shape[0])
+            if boxes_size is not None:
+                different = [varied_view(*sample, boxes_size, rng) for sample in chosen]
             else:
                 different = [varied(image, labels, rng) for image, labels in chosen]
             different += [varied(*empty_picture(rng, shape), rng) for _ in range(empty)]
