@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+from unittest import mock
 
 import numpy as np
 import pytest
@@ -14,7 +15,7 @@ from fusionnet.models import detectors
 from fusionnet.models.anchors import AnchorShapes
 from fusionnet.models.checkpoint import CONFIG_FILE
 from fusionnet.models.detectors import RetinaNetConfig, pyramid_boxes
-from fusionnet.models.heads.boxes import Boxes, BoxHead
+from fusionnet.models.heads.boxes import BoxConfig, Boxes, BoxHead
 from fusionnet.models.retinanet import BoxBatch, RetinaNet
 from fusionnet.training.loop import LoopConfig, fit
 from fusionnet.training.optimizers import OptimizerConfig
@@ -142,6 +143,20 @@ def test_a_picture_without_blocks_trains_and_gives_no_box():
     assert all(torch.isfinite(loss) for loss in losses.values())
     model.box_head.classify[-1].bias.data.fill_(-9.0)
     assert len(model.eval().detect(batch.images[0].numpy()).xyxy) == 0
+
+
+def test_easy_anchors_without_blocks_hardly_count():
+    head = BoxHead(channels=8, config=BoxConfig())
+    batch, torch_rng = rectangles(0), torch.Generator().manual_seed(0)
+    levels = [torch.randn(len(batch.boxes), 8, 12, 16, generator=torch_rng)]
+    outputs = head(levels, (96, 128))
+    unsure = outputs._replace(classes=outputs.classes + 2.0)  # nothing is easy
+    sure = outputs._replace(classes=outputs.classes - 4.0)  # everything is
+    for seen in (unsure, sure):
+        some = head.losses(seen, batch.boxes)["class"].detach()
+        with mock.patch("fusionnet.models.heads.boxes.EASY", -1e9):
+            both = head.losses(seen, batch.boxes)["class"].detach()
+        assert float(some) == pytest.approx(float(both), rel=1e-3)
 
 
 @pytest.mark.parametrize("shape", [(96, 160, 3), (480, 800, 3), (300, 300, 3), (64, 900, 3)])

@@ -12,6 +12,7 @@ from PIL import Image
 from fusionnet.apps.progress import Bar, bars
 from fusionnet.errors import InputError
 from fusionnet.files import check_new_folder, folder_whole, write_whole
+from fusionnet.views.backdrops import Backdrops
 from fusionnet.views.calibration import Calibration
 from fusionnet.views.calibration import calibrate as calibrate_all
 from fusionnet.views.calibration_report import as_json, write_report
@@ -95,6 +96,8 @@ class DrawConfig:
     """How many of them are for validation only."""
     size: tuple[int, int] = (960, 540)
     """Their width and height, in pixels."""
+    photographs: Path | None = None
+    """Folder of photographs without blocks, to be seen behind and among what is drawn."""
     seed: int = 0
     """Of cameras, tables, boards and clutter."""
 
@@ -174,9 +177,15 @@ def draw(config: DrawConfig) -> dict[str, Any]:
     Prints how many there are as JSON.
     """
     check_new_folder(config.out)
+    backdrops = None if config.photographs is None else Backdrops.of_folder(config.photographs)
     with bars() as bar:
         views = drawn_views(
-            config.count, config.seed, config.size, config.validation, progress=bar("views")
+            config.count,
+            config.seed,
+            config.size,
+            config.validation,
+            backdrops=backdrops,
+            progress=bar("views"),
         )
     save_views(config.out, views)
     return {"views": len(views)}

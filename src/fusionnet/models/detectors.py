@@ -121,9 +121,17 @@ def compact(
 
 
 def views(frame: PictureFrame) -> RetinaNetConfig:
-    """Boxes alone, of blocks of any size: what we ship for pictures that no eye of ours took."""
-    sizes = ((8.0, 11.0, 15.0), (20.0, 28.0, 38.0), (52.0, 70.0, 95.0))
-    boxes = BoxConfig(depth=2, strides=(4, 8, 16), sizes=sizes, prisms=2.0)
+    """Boxes alone, of blocks of any size: what we ship for pictures that no eye of ours took.
+
+    Of what another block hides a strip may be left, flat or upright.
+    """
+    boxes = BoxConfig(
+        depth=2,
+        strides=(4, 8, 16),
+        sizes=((8.5, 13.0), (20.0, 31.0), (48.0, 75.0)),
+        ratios=(0.4, 1.0, 2.5),
+        prisms=2.0,
+    )
     return RetinaNetConfig(frame=frame, boxes=boxes)
 
 

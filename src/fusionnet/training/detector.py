@@ -33,6 +33,7 @@ from fusionnet.simulation import SceneRenderer
 from fusionnet.training.empty_pictures import empty_picture
 from fusionnet.training.loop import LoopConfig, Progress, fit, is_first_process
 from fusionnet.training.picture_variation import varied, varied_view
+from fusionnet.views import Backdrops
 
 log = logging.getLogger(__name__)
 
@@ -70,6 +71,8 @@ class DetectorConfig:
             from anywhere and of blocks of any size.
         batch: Pictures a step.
         empty: Pictures without blocks in each step besides, drawn while training.
+        photographs: Folder of photographs without blocks, of which every other empty picture is a
+            part; best of the place where the detector shall look.
         loop: Steps and schedule.
         seed: Source of all randomness.
     """
@@ -82,6 +85,7 @@ class DetectorConfig:
     layouts: bool = True
     batch: int = 16
     empty: int = 1
+    photographs: Path | None = None
     loop: LoopConfig = field(
         default_factory=lambda: LoopConfig(
             steps=2700,
@@ -147,11 +151,14 @@ def train(config: DetectorConfig, *, progress: Progress | None = None) -> dict[s
     model = new_detector(config.seed, eye=config.eye, layouts=config.layouts)
     pictures, checked = _pictures(config, model.frame)
     size = None if config.layouts else model.frame.input_size
+    backdrops = None if config.photographs is None else Backdrops.of_folder(config.photographs)
     if config.start is not None:
         start_from(model, config.start)
     fit(
         model,
-        lambda first: batches(pictures, config.batch, config.seed, first, config.empty, size),
+        lambda first: batches(
+            pictures, config.batch, config.seed, first, config.empty, size, backdrops
+        ),
         lambda wrapped, batch: detector_losses(wrapped, model, batch),
         config.loop,
         folder=config.work,
@@ -164,9 +171,10 @@ def train(config: DetectorConfig, *, progress: Progress | None = None) -> dict[s
     if config.layouts:
         calibrate(model, checked)
     metrics = measure(model, checked) if config.layouts else measure_boxes(model, checked)
-    paths = ("datasets", "out", "work", "start")
+    paths = ("datasets", "out", "work", "start", "photographs")
     described = {k: v for k, v in asdict(config).items() if k not in paths}
     described["pictures"], described["warm"] = len(pictures), config.start is not None
+    described["backdrops"] = 0 if backdrops is None else len(backdrops)
     described["corpus"] = sorted({read_plan(folder).corpus for folder in config.datasets})
     model.save(config.out, {"training": described, "metrics": metrics})
     return metrics
@@ -279,6 +287,7 @@ def batches(
     first: int,
     empty: int = 0,
     boxes_size: tuple[int, int] | None = None,
+    backdrops: Backdrops | None = None,
 ) -> Iterator[Batch]:
     """Endless shuffled batches from step `first` on; the same for a resumed run.
 
@@ -289,6 +298,7 @@ def batches(
         first: Step to begin with.
         empty: Pictures without blocks that each batch gets besides.
         boxes_size: Width and height of the network's input if boxes alone are learnt.
+        backdrops: Photographs without blocks.
     """
     size = min(size, len(pictures))
     a_epoch = len(pictures) // size
@@ -304,7 +314,7 @@ def batches(
                 different = [varied_view(*sample, boxes_size, rng) for sample in chosen]
             else:
                 different = [varied(image, labels, rng) for image, labels in chosen]
-            different += [varied(*empty_picture(rng, shape), rng) for _ in range(empty)]
+            different += [varied(*empty_picture(rng, shape, backdrops), rng) for _ in range(empty)]
             yield collate(different, rng)
             step += 1
 

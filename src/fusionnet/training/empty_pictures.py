@@ -1,4 +1,5 @@
-"""Pictures without blocks: boards of any kind and size, from any side, among clutter; or leaves.
+"""Pictures without blocks: boards of any kind and size, from any side, among clutter; leaves; or
+photographs.
 
 A detector that has only seen our board takes the pale squares of another for blocks, and one
 that has only seen flat clutter a sleeve or the corner of a wall. These are drawn while it trains,
@@ -15,30 +16,39 @@ from jaxtyping import Float32, UInt8
 
 from fusionnet.blocks import EMPTY
 from fusionnet.dataset.pictures import Labels
-from fusionnet.views import drawn_view
+from fusionnet.views import Backdrops, drawn_view
+
+PHOTOGRAPHS = 0.5
+"""Share of the pictures that are photographs, if there are any."""
 
 LEAVES = 0.5
-"""Share of the pictures that show leaves, one upon another, instead of boards."""
+"""Share of the others that show leaves, one upon another, instead of boards."""
 
 GRAY = 0.5
-"""Share of those that are without colour."""
+"""Share of leaves and photographs that are without colour."""
 
 RADII = (6.0, 260.0)
 """Of leaves, in pixels; there are as many of one size as cover the same area of another."""
 
 
 def empty_picture(
-    rng: np.random.Generator, size: tuple[int, int]
+    rng: np.random.Generator, size: tuple[int, int], backdrops: Backdrops | None = None
 ) -> tuple[UInt8[np.ndarray, "h w 3"], Labels]:
     """A picture without blocks, and labels that say so.
 
     Args:
         rng: Source of all randomness.
         size: Width and height in pixels.
+        backdrops: Photographs without blocks; all is drawn by default.
     """
+    if backdrops is not None and rng.random() < PHOTOGRAPHS:
+        photograph = backdrops.crop(rng, size)
+        if rng.random() < GRAY:
+            photograph = np.repeat(cv2.cvtColor(photograph, cv2.COLOR_RGB2GRAY)[..., None], 3, 2)
+        return photograph, _nothing()
     if rng.random() < LEAVES:
         return shaded_leaves(rng, size), _nothing()
-    return drawn_view(rng, size).image, _nothing()
+    return drawn_view(rng, size, backdrops=backdrops).image, _nothing()
 
 
 def shaded_leaves(rng: np.random.Generator, size: tuple[int, int]) -> UInt8[np.ndarray, "h w 3"]:

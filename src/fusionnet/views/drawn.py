@@ -19,6 +19,7 @@ from fusionnet.blocks import BLOCK_SIZE, GRID
 from fusionnet.errors import InputError
 from fusionnet.geometry import transform
 from fusionnet.randomness import generator
+from fusionnet.views.backdrops import Backdrops
 from fusionnet.views.view import MOST_VIEWS, EnvironmentalView, Part, check_view
 
 ENVIRONMENT = "drawn"
@@ -32,6 +33,9 @@ BOARDED = 0.9
 
 HELD = 0.4
 """Share of the views whose board is held up to the camera, as for calibrating, turned anyhow."""
+
+PHOTOGRAPHED = 0.5
+"""Share of backgrounds, tables and patterned things that show photographs, if there are any."""
 
 _MIDDLE = np.array([GRID / 2, GRID / 2, GRID / 4]) * BLOCK_SIZE
 _REACH = 0.75 * GRID * BLOCK_SIZE
@@ -48,6 +52,7 @@ def drawn_views(
     size: tuple[int, int] = (960, 540),
     validation: int = 0,
     *,
+    backdrops: Backdrops | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> tuple[EnvironmentalView, ...]:
     """As many views, each of a table of its own.
@@ -57,6 +62,7 @@ def drawn_views(
         seed: Source of all randomness; view `i` depends on the seed and `i` alone.
         size: Width and height of the pictures, in pixels.
         validation: How many, the last ones, are for validation only.
+        backdrops: Photographs to be seen behind and among what is drawn; none by default.
         progress: Called after each view with how many there are, and will be.
 
     Raises:
@@ -71,14 +77,20 @@ def drawn_views(
     for number in range(count):
         rng = generator(seed, "drawn view", number)
         part: Part = "val" if number >= count - validation else "train"
-        views.append(drawn_view(rng, size, name=f"drawn-{number:05d}", part=part))
+        name = f"drawn-{number:05d}"
+        views.append(drawn_view(rng, size, name=name, part=part, backdrops=backdrops))
         if progress is not None:
             progress(number + 1, count)
     return tuple(views)
 
 
 def drawn_view(
-    rng: np.random.Generator, size: tuple[int, int], *, name: str = "drawn", part: Part = "train"
+    rng: np.random.Generator,
+    size: tuple[int, int],
+    *,
+    name: str = "drawn",
+    part: Part = "train",
+    backdrops: Backdrops | None = None,
 ) -> EnvironmentalView:
     """One view: all of the grid is in it.
 
@@ -87,6 +99,7 @@ def drawn_view(
         size: Width and height of the picture, in pixels.
         name: Of the view.
         part: `train` or `val`.
+        backdrops: Photographs to be seen behind and among what is drawn; none by default.
     """
     while True:
         matrix, pose = _camera(rng, size)
@@ -102,7 +115,7 @@ def drawn_view(
             check_view(view)
         except InputError:
             continue
-        view.image[:] = _photograph(rng, size, matrix @ pose[:3, [0, 1, 3]])
+        view.image[:] = _photograph(rng, size, matrix @ pose[:3, [0, 1, 3]], backdrops)
         return view
 
 
@@ -131,17 +144,20 @@ def _camera(
 
 
 def _photograph(
-    rng: np.random.Generator, size: tuple[int, int], image_from_table: Float[np.ndarray, "3 3"]
+    rng: np.random.Generator,
+    size: tuple[int, int],
+    image_from_table: Float[np.ndarray, "3 3"],
+    backdrops: Backdrops | None,
 ) -> UInt8[np.ndarray, "h w 3"]:
     """A background, a table, a board, and clutter, in a light that falls off to one side."""
-    picture = _surface(rng, size)
+    picture = _surface(rng, size, backdrops)
     for _ in range(rng.integers(0, 15)):
-        _clutter(rng, picture, rng.uniform(0, size))
+        _clutter(rng, picture, rng.uniform(0, size), backdrops)
     if rng.random() < 0.7:
-        _add_table(rng, picture, image_from_table)
+        _add_table(rng, picture, image_from_table, backdrops)
     middle = image_from_table @ [*_MIDDLE[:2], 1.0]
     for _ in range(rng.integers(0, 12)):
-        _clutter(rng, picture, rng.normal(middle[:2] / middle[2], size[1] / 4))
+        _clutter(rng, picture, rng.normal(middle[:2] / middle[2], size[1] / 4), backdrops)
     if rng.random() < BOARDED:
         _add_board(rng, picture, image_from_table)
     if rng.random() < GRAY:
@@ -166,8 +182,23 @@ def _color(rng: np.random.Generator) -> Float[np.ndarray, "3"]:
     return rng.uniform(0.02, 1.0) * rng.uniform(0.92, 1.0, 3)
 
 
-def _surface(rng: np.random.Generator, size: tuple[int, int]) -> Picture:
-    """A colour with noise of several scales, as of wood, cloth or a wall out of focus."""
+def _crop(
+    rng: np.random.Generator, size: tuple[int, int], backdrops: Backdrops | None
+) -> Picture | None:
+    """A part of a photograph, if there are any, and not always."""
+    if backdrops is None or rng.random() >= PHOTOGRAPHED:
+        return None
+    return backdrops.crop(rng, size).astype(np.float32) / 255
+
+
+def _surface(
+    rng: np.random.Generator, size: tuple[int, int], backdrops: Backdrops | None
+) -> Picture:
+    """A photograph, or a colour with noise of several scales, as of wood, cloth or a wall out of
+    focus.
+    """
+    if (photograph := _crop(rng, size, backdrops)) is not None:
+        return photograph
     picture = np.full((size[1], size[0], 3), _color(rng), np.float32)
     for cells in (3, 8, 24, 64):
         shape = (cells, max(2, int(cells * rng.choice([0.15, 1.0]))))
@@ -176,7 +207,12 @@ def _surface(rng: np.random.Generator, size: tuple[int, int]) -> Picture:
     return np.clip(picture, 0.0, 1.0)
 
 
-def _clutter(rng: np.random.Generator, picture: Picture, place: Float[np.ndarray, "2"]) -> None:
+def _clutter(
+    rng: np.random.Generator,
+    picture: Picture,
+    place: Float[np.ndarray, "2"],
+    backdrops: Backdrops | None,
+) -> None:
     """A thing at a pixel: round, of any outline, a bar, or flat with a pattern."""
     unit = picture.shape[0] / 300
     x, y = (int(v) for v in place)
@@ -195,7 +231,7 @@ def _clutter(rng: np.random.Generator, picture: Picture, place: Float[np.ndarray
         thick = int(rng.integers(1, 25) * unit) + 1
         cv2.line(picture, (x, y), (int(end[0]), int(end[1])), color, thick, cv2.LINE_AA)
     else:
-        patch = _patch(rng)
+        patch = _patch(rng, backdrops)
         tall, wide = patch.shape[:2]
         scale = np.diag([reach / tall, reach / tall, 1.0])
         turn = Rotation.from_rotvec(rng.uniform(-1, 1, 3) * [1.0, 1.0, 3.1]).as_matrix()
@@ -206,9 +242,13 @@ def _clutter(rng: np.random.Generator, picture: Picture, place: Float[np.ndarray
         _paste(picture, patch, turn @ scale @ center)
 
 
-def _patch(rng: np.random.Generator) -> Picture:
-    """A flat thing: plain, striped, of lines as on paper, or of keys as on a keyboard."""
+def _patch(rng: np.random.Generator, backdrops: Backdrops | None) -> Picture:
+    """A flat thing: plain, striped, of lines as on paper, or of keys as on a keyboard; or a
+    photograph.
+    """
     tall, wide = int(rng.integers(30, 200)), int(rng.integers(30, 300))
+    if (photograph := _crop(rng, (wide, tall), backdrops)) is not None:
+        return photograph
     ground, ink = _color(rng), _color(rng)
     if rng.random() < 0.4:
         ground = rng.uniform(0.75, 1.0) * rng.uniform(0.95, 1.0, 3)
@@ -243,7 +283,10 @@ def _paste(picture: Picture, flat: Picture, warp: Float[np.ndarray, "3 3"]) -> N
 
 
 def _add_table(
-    rng: np.random.Generator, picture: Picture, image_from_table: Float[np.ndarray, "3 3"]
+    rng: np.random.Generator,
+    picture: Picture,
+    image_from_table: Float[np.ndarray, "3 3"],
+    backdrops: Backdrops | None,
 ) -> None:
     """A rectangle or an ellipse around the grid."""
     half = _REACH * rng.uniform(0.9, 1.8, 2)
@@ -260,7 +303,7 @@ def _add_table(
     corners = np.rint(seen[:, :2] / seen[:, 2:]).clip(-20_000, 20_000).astype(np.int32)
     cover = np.zeros(picture.shape[:2], np.float32)
     cv2.fillConvexPoly(cover, corners, 1.0, cv2.LINE_AA)
-    surface = _surface(rng, (picture.shape[1], picture.shape[0]))
+    surface = _surface(rng, (picture.shape[1], picture.shape[0]), backdrops)
     picture += cover[..., None] * (surface - picture)
 
 

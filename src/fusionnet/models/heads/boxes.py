@@ -28,6 +28,13 @@ SCORE = 0.05
 OVERLAP = 0.5
 """Top candidates, least score and greatest overlap a class at inference (thesis 4.1.3)."""
 
+_PART = 16_384
+"""Anchors whose overlaps are computed at once: what is between stays in the processor's cache."""
+
+EASY = -6.0
+"""Logit (a probability of 0.0025) below which an anchor without a block is left out of the focal
+loss, of which a hundred thousand such anchors make less than a thousandth together."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class BoxConfig:
@@ -149,14 +156,17 @@ class BoxHead(nn.Module):
         classes, offsets, anchors, _ = outputs
         class_losses, box_losses = [], []
         for logits, offset, boxes in zip(classes, offsets, truth, strict=True):
-            wanted = torch.zeros_like(logits)
             if not len(boxes.xyxy):
-                class_losses.append(_focal(logits, wanted))
+                hard = logits[logits.detach().amax(dim=1) > EASY]
+                class_losses.append(_focal(hard, torch.zeros_like(hard)))
                 continue
-            matched = self.matcher(box_iou(boxes.xyxy, anchors))
+            wanted = torch.zeros_like(logits)
+            overlaps = [box_iou(boxes.xyxy, part) for part in anchors.split(_PART)]
+            matched = self.matcher(torch.cat(overlaps, dim=1))
             found = matched >= 0
             wanted[found, boxes.classes[matched[found]]] = 1.0
-            considered = matched != Matcher.BETWEEN_THRESHOLDS
+            hard = found | (logits.detach().amax(dim=1) > EASY)
+            considered = hard & (matched != Matcher.BETWEEN_THRESHOLDS)
             count = max(1, int(found.sum()))
             counts = torch.where(wanted[:, PRISMS].any(dim=1), self.config.prisms, 1.0)[considered]
             losses = _focal(logits[considered], wanted[considered], "none").sum(dim=1)
