@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import torch
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from torch import Tensor, nn
 from torchvision.models.detection._utils import BoxCoder, Matcher
 from torchvision.models.detection.anchor_utils import AnchorGenerator
@@ -27,9 +27,6 @@ CANDIDATES = 1000
 SCORE = 0.05
 OVERLAP = 0.5
 """Top candidates, least score and greatest overlap a class at inference (thesis 4.1.3)."""
-
-_PART = 16_384
-"""Anchors whose overlaps are computed at once: what is between stays in the processor's cache."""
 
 EASY = -6.0
 """Logit (a probability of 0.0025) below which an anchor without a block is left out of the focal
@@ -161,8 +158,7 @@ class BoxHead(nn.Module):
                 class_losses.append(_focal(hard, torch.zeros_like(hard)))
                 continue
             wanted = torch.zeros_like(logits)
-            overlaps = [box_iou(boxes.xyxy, part) for part in anchors.split(_PART)]
-            matched = self.matcher(torch.cat(overlaps, dim=1))
+            matched = self._matched(boxes.xyxy, anchors)
             found = matched >= 0
             wanted[found, boxes.classes[matched[found]]] = 1.0
             hard = found | (logits.detach().amax(dim=1) > EASY)
@@ -180,6 +176,18 @@ class BoxHead(nn.Module):
             "class": torch.stack(class_losses).mean(),
             "box": torch.stack(box_losses).mean() if box_losses else none,
         }
+
+    def _matched(
+        self, boxes: Float[Tensor, "m 4"], anchors: Float[Tensor, "n 4"]
+    ) -> Int[Tensor, " n"]:
+        """The box of each anchor, or why it has none, as torchvision's matcher says; overlaps are
+        computed only where boxes are.
+        """
+        before, behind = boxes[:, :2].amin(dim=0), boxes[:, 2:].amax(dim=0)
+        near = ((anchors[:, 2:] > before) & (anchors[:, :2] < behind)).all(dim=1)
+        matched = torch.full_like(near, Matcher.BELOW_LOW_THRESHOLD, dtype=torch.long)
+        matched[near] = self.matcher(box_iou(boxes, anchors[near]))
+        return matched
 
     def predict(self, outputs: BoxOutputs) -> list[Boxes]:
         """Boxes above the least score after suppression a class (thesis 4.1.3)."""
