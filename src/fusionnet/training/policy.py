@@ -27,7 +27,7 @@ from fusionnet.training.fusion import FusionConfig
 from fusionnet.training.loop import LoopConfig, Progress
 from fusionnet.training.state import check_settings, settings_of
 from fusionnet.training.translator import TranslatorConfig
-from fusionnet.views import save_views
+from fusionnet.views import Backdrops, save_views
 from fusionnet.views.drawn import drawn_views
 
 SETTINGS_FILE = "policy.json"
@@ -52,6 +52,8 @@ class PolicyConfig:
         views: How many views are drawn.
         rooms: Pictures of blocks drawn over the shipped rooms, for that detector; with neither,
             the policy has none.
+        photographs: Folder of photographs without blocks, that detector's backdrops; best of the
+            place where it shall look.
         read: Pictures from which FusionNet learns how the detector errs.
         batch: Pictures a step of a detector.
         detector: Loop of the left eye's detector, which begins with nothing.
@@ -72,6 +74,7 @@ class PolicyConfig:
     drawn: int = 2500
     views: int = 900
     rooms: int = 1500
+    photographs: Path | None = None
     read: int = 3000
     batch: int = 8
     detector: LoopConfig = field(default_factory=lambda: _detector_loop(7500))
@@ -183,10 +186,12 @@ def _detector_views(config: PolicyConfig, bars: Bars) -> None:
     if config.drawn:
         views = config.work / "drawn-views"
         if not views.is_dir():
+            folder = config.photographs
             drawn = drawn_views(
                 config.views,
                 derived_seed(config.seed, "policy", "views"),
                 validation=max(1, config.views // 15),
+                backdrops=None if folder is None else Backdrops.of_folder(folder),
                 progress=bars("drawn views"),
             )
             save_views(views, drawn)
@@ -194,7 +199,14 @@ def _detector_views(config: PolicyConfig, bars: Bars) -> None:
     if config.rooms:
         sets.append(_built(config, "rooms", config.rooms, OVER, bars, "rooms"))
     start, loop = _part(config, "detector"), config.detector_views
-    made = DetectorConfig(datasets=tuple(sets), start=start, layouts=False, loop=loop)
+    made = DetectorConfig(
+        datasets=tuple(sets),
+        start=start,
+        layouts=False,
+        empty=3,
+        photographs=config.photographs,
+        loop=loop,
+    )
     _train_detector(config, "detector-views", made, bars("detector of other views"))
 
 
