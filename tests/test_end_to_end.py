@@ -14,7 +14,9 @@ from fusionnet.errors import InputError, OutputError
 from fusionnet.models.end_to_end import EndToEnd
 from fusionnet.models.heads.occupancy import Occupancy
 from fusionnet.policy import load_policy
+from fusionnet.training import detector
 from fusionnet.training.end_to_end import (
+    LOSS_WEIGHTS,
     LOSSES,
     EndToEndConfig,
     Representation,
@@ -78,6 +80,12 @@ def test_a_representation_brings_its_own_losses(
     losses = end_to_end_losses(model, model, batch, representations=(kept,))
     assert set(losses) == TASK | set(LOSSES[kept])
     assert all(torch.isfinite(loss) for loss in losses.values())
+
+
+def test_all_that_the_reader_learns_from_has_a_representation_and_a_factor() -> None:
+    reader = set(detector.LOSS_WEIGHTS)
+    assert reader | {"symbols", "words"} == {loss for some in LOSSES.values() for loss in some}
+    assert {name: LOSS_WEIGHTS[name] for name in reader} == detector.LOSS_WEIGHTS
 
 
 def test_sentences_that_say_nothing_teach_nothing_of_the_move(

@@ -182,7 +182,10 @@ class RetinaNet(nn.Module):
         return self.box_head(read, (images.shape[1], images.shape[2]))
 
     def losses(self, outputs: Mapping[str, Any], batch: BoxBatch) -> dict[str, Tensor]:
-        """The heads' named losses: class, box and, of layouts, pose, occupancy, holding."""
+        """The heads' named losses: class, box and, of layouts, pose, occupancy, holding.
+
+        A reader that looks twice adds those of `Occupancy.losses`: first_look and offset.
+        """
         losses: dict[str, Tensor] = dict(self.box_head.losses(outputs["boxes"], batch.boxes))
         if "pose" in outputs:
             assert isinstance(batch, Batch)

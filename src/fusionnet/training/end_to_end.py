@@ -31,6 +31,7 @@ from fusionnet.models.fusionnet import FusionNet
 from fusionnet.models.policy_folder import OPTIONAL, weights_folder, write_policy_card
 from fusionnet.models.retinanet import RetinaNet
 from fusionnet.models.translator import Translator
+from fusionnet.training import detector
 from fusionnet.training.eye_commands import EndToEndBatch, EyeCommands
 from fusionnet.training.loop import LoopConfig, Progress, fit, is_first_process
 from fusionnet.training.translator import symbol_losses
@@ -42,17 +43,13 @@ Representation = Literal["boxes", "pose", "occupancy", "tree"]
 LOSSES: Mapping[Representation, tuple[str, ...]] = {
     "boxes": ("class", "box"),
     "pose": ("pose",),
-    "occupancy": ("occupancy", "holding"),
+    "occupancy": ("occupancy", "first_look", "offset", "holding"),
     "tree": ("symbols", "words"),
 }
-"""The losses that teach each intermediate representation."""
+"""The losses that teach each intermediate representation; of these, those that a detector has."""
 
 LOSS_WEIGHTS = {
-    "class": 1.0,
-    "box": 1.0,
-    "pose": 0.3,
-    "occupancy": 0.2,
-    "holding": 1.0,
+    **detector.LOSS_WEIGHTS,
     "symbols": 1.0,
     "words": 0.3,
     "grasp": 1.0,
