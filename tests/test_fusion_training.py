@@ -196,8 +196,16 @@ def test_training_writes_a_checkpoint_with_its_metrics(data_folder: Path, tmp_pa
         batch=4,
         loop=LoopConfig(steps=2),
     )
-    metrics = train(config, lambda step, steps, line: seen.append((step, steps)))
-    assert seen == [(1, 2), (2, 2)]
+    threads = torch.get_num_threads()
+    torch.set_num_threads(2)
+    try:
+        metrics = train(
+            config, lambda step, steps, _: seen.append((step, steps, torch.get_num_threads()))
+        )
+        assert torch.get_num_threads() == 2  # other parts of a policy may be trained after it
+    finally:
+        torch.set_num_threads(threads)
+    assert seen == [(1, 2, 1), (2, 2, 1)]
     assert {"val exact", "val soft", "test exact", "test soft"} <= set(metrics)
     assert isinstance(FusionNet.from_folder(config.out), FusionNet)
     assert str(tmp_path) not in (config.out / "config.json").read_text()

@@ -79,7 +79,7 @@ class FusionConfig:
         read_share: Share of the examples whose layout it read.
         loop: Steps and schedule.
         seed: Source of all randomness.
-        threads: Of PyTorch; the tensors are small, more than one gains little.
+        threads: Of PyTorch while it trains; the tensors are small, more than one gains little.
     """
 
     out: Path = Path("runs/fusion/checkpoint")
@@ -148,7 +148,20 @@ def train(
         OutputError: If the checkpoint cannot be written.
     """
     check_checkpoint_folder(config.out, config.work)
+    before = torch.get_num_threads()
     torch.set_num_threads(config.threads)
+    try:
+        return _trained(config, progress, rendering)
+    finally:
+        torch.set_num_threads(before)
+
+
+def _trained(
+    config: FusionConfig,
+    progress: Progress | None,
+    rendering: Callable[[int, int], None] | None,
+) -> dict[str, Any]:
+    """`train` on the threads that are set."""
     began = time.monotonic()
     corpus = load_corpus(config.corpus, config.data)
     learnt = corpus.split("train")
