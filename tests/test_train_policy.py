@@ -79,6 +79,15 @@ def test_a_run_of_other_settings_is_not_gone_on_with(config: PolicyConfig) -> No
         train(config, quiet)
 
 
+def test_a_part_that_was_finished_with_other_steps_is_not_taken(config: PolicyConfig) -> None:
+    part = config.work / "detector-right/checkpoint/config.json"
+    part.parent.mkdir(parents=True)
+    part.write_text(json.dumps({"metadata": {"training": {"loop": {"steps": 9}}}}))
+    with pytest.raises(CheckpointError, match="with 9 steps, not 1. Give --detector-right.steps 9"):
+        train(config, quiet)
+    assert not (config.work / "pictures-eye").exists()
+
+
 def test_bad_numbers_and_folders_are_refused(config: PolicyConfig) -> None:
     with pytest.raises(InputError, match="at least 1"):
         replace(config, eye=0)

@@ -121,7 +121,7 @@ def train(config: PolicyConfig, bars: Bars) -> dict[str, Any]:
     Raises:
         InputError: If the corpus has no training groups.
         DataError: If the corpus is missing or damaged.
-        CheckpointError: If `work` holds a run of other settings.
+        CheckpointError: If `work` holds a run of other settings, or a part of other steps.
         OutputError: If something cannot be written, or `out` holds files already.
     """
     check_new_folder(config.out)
@@ -134,9 +134,9 @@ def train(config: PolicyConfig, bars: Bars) -> dict[str, Any]:
         parts["detector-right"] = _detector_right
     if config.drawn or config.rooms:
         parts["detector-views"] = _detector_views
-    for name, make in parts.items():
-        if not (_part(config, name) / CONFIG_FILE).is_file():
-            make(config, bars)
+    missing = [name for name in parts if not _finished(config, name)]
+    for name in missing:
+        parts[name](config, bars)
     with folder_whole(config.out) as aside:
         for name in parts:
             shutil.copytree(_part(config, name), aside / name)
@@ -146,6 +146,22 @@ def train(config: PolicyConfig, bars: Bars) -> dict[str, Any]:
 
 def _part(config: PolicyConfig, name: str) -> Path:
     return config.work / name / "checkpoint"
+
+
+def _finished(config: PolicyConfig, name: str) -> bool:
+    """Whether a part is finished; one that was finished with other steps is refused."""
+    folder = _part(config, name)
+    if not (folder / CONFIG_FILE).is_file():
+        return False
+    made = read_document(folder)["metadata"]["training"]["loop"]["steps"]
+    asked = getattr(config, name.replace("-", "_")).steps
+    if made != asked:
+        raise CheckpointError(
+            f"The part {name} in {folder} was finished with {made} steps, not {asked}. Give "
+            f"--{name}.steps {made}, or remove {config.work / name} and the parts that learnt from "
+            "it."
+        )
+    return True
 
 
 def _same_settings(config: PolicyConfig) -> None:
