@@ -13,8 +13,10 @@ from fusionnet.apps.cli import main
 from fusionnet.blocks import CLASS_NAMES
 from fusionnet.dataset.build import build
 from fusionnet.dataset.reader import StoredPictures
-from fusionnet.errors import InputError
+from fusionnet.errors import CheckpointError, InputError
 from fusionnet.evaluation.detection import DetectionEvaluation, calibration_error, evaluate
+from fusionnet.models import policy_folder
+from fusionnet.models.retinanet import RetinaNet
 from fusionnet.training.placement_pictures import PlacementPictures
 from test_retinanet import tiny
 from tiny_treebank import write_tiny_treebank
@@ -47,6 +49,15 @@ def test_rendered_pictures_are_measured(tmp_path):
         evaluate(DetectionEvaluation(data=data, pictures=0))
 
 
+RIGHT = policy_folder.weights_folder("compact") / "detector-right"
+
+
+def test_a_detector_of_the_right_eye_is_measured_through_it(tmp_path):
+    data = write_tiny_treebank(tmp_path / "corpus")
+    right = DetectionEvaluation(data=data, split="train", pictures=2, checkpoint=str(RIGHT))
+    assert evaluate(right)["layouts_right"] >= 0.5
+
+
 @pytest.fixture(scope="module")
 def stored(tmp_path_factory):
     sources = small_sources(tmp_path_factory.mktemp("sources"))
@@ -70,6 +81,24 @@ def test_a_detector_of_boxes_is_measured_by_class(stored, tmp_path, capsys):
     assert "instances" in shown and CLASS_NAMES[int(truth[0])] in shown
     assert main(["evaluate", "detector", "--checkpoint", str(tmp_path / "thesis")]) == 2
     assert "measured on a data set" in capsys.readouterr().err
+
+
+def test_a_data_set_of_another_eye_is_refused(stored, tmp_path):
+    def measured(split, checkpoint=RIGHT):
+        return evaluate(
+            DetectionEvaluation(dataset=stored, split=split, checkpoint=str(checkpoint), pictures=1)
+        )
+
+    for split in ("train", "sim_val", "sim"):
+        with pytest.raises(InputError, match="left_eye looks; this detector is one of the right"):
+            measured(split)
+    assert measured("val")["n"] == 1  # in views no eye looks
+    detector = RetinaNet.from_folder(RIGHT)
+    frame = dataclasses.replace(detector.frame, crop=(0, 0, 480, 416))
+    detector.config = dataclasses.replace(detector.config, frame=frame)
+    detector.save(tmp_path / "detector", {})
+    with pytest.raises(CheckpointError, match="no eye's; known are .190, 28, 782, 540. .left_eye"):
+        measured("sim", tmp_path / "detector")
 
 
 def test_pictures_without_boxes_are_refused(stored, monkeypatch, capsys):

@@ -1,4 +1,4 @@
-"""How well blocks are found, and layouts read, in pictures through the robot's eye or in views.
+"""How well blocks are found, and layouts read, in pictures through a robot's eye or in views.
 
 Pictures are those of a stored data set, or rendered of layouts of one part of a corpus, in
 looks that no training picture had. Boxes of blocks of which less than a quarter is visible are
@@ -20,10 +20,12 @@ from jaxtyping import Float, UInt8
 from fusionnet.blocks import EMPTY
 from fusionnet.blocks.voting import likely_layout
 from fusionnet.corpora import Part, load_corpus
+from fusionnet.dataset.folder import read_plan
 from fusionnet.dataset.frame import PictureFrame
-from fusionnet.dataset.pictures import Labels, label
+from fusionnet.dataset.pictures import EYE_FRAMES, Labels, label
+from fusionnet.dataset.plan import SPLITS
 from fusionnet.dataset.reader import StoredPictures
-from fusionnet.errors import DataError, InputError
+from fusionnet.errors import CheckpointError, DataError, InputError
 from fusionnet.models.labelled_boxes import Boxes, BoxPrecision
 from fusionnet.models.retinanet import RetinaNet, Sight
 from fusionnet.policy import detector_folder, view_detector_folder
@@ -45,7 +47,7 @@ class DetectionEvaluation:
 
     Attributes:
         dataset: A data set that `fusionnet dataset build` made, whose pictures are looked at;
-            without, layouts of a corpus are rendered through the robot's eye.
+            without, layouts of a corpus are rendered through the detector's eye.
         corpus: Where the layouts come from.
         data: Folder of the corpus's files.
         split: Part of the corpus (train, val or test), or split of the data set.
@@ -70,11 +72,14 @@ def evaluate(
 ) -> dict[str, Any]:
     """Mean average precision of the boxes, and how many cells and layouts are read right.
 
-    Layouts are read through the robot's left eye alone; in environmental views boxes are found,
-    by the detector that the policy has for them.
+    Layouts are read through the eye that the detector is one of; in environmental views boxes are
+    found, by the detector that the policy has for them.
 
     Raises:
-        InputError: If no pictures are asked for, or the part has no commands.
+        InputError: If no pictures are asked for, the part has no commands, or in the data set
+            another eye looks than the detector's.
+        CheckpointError: If the detector is missing or damaged, or reads layouts through no eye
+            that we know.
         DataError: If the data set is not finished, damaged, of another schema, or has other
             classes, or if no picture shows a block.
         UnknownNameError: If it has no such split.
@@ -155,6 +160,8 @@ def _pictures(
 ) -> tuple[int, Iterator[tuple[UInt8[np.ndarray, "h w 3"], Labels]]]:
     """How many pictures there are to look at, and the pictures."""
     if config.dataset is not None:
+        if model.config.reads_layouts:
+            _check_eye(config.dataset, config.split, _eye(model))
         size = model.frame.input_size
         stored = StoredPictures(config.dataset, config.split, input_size=size)
         count = min(config.pictures, len(stored))
@@ -165,15 +172,39 @@ def _pictures(
     layouts = list({id(layout): layout for s in scenes for layout in (s.before, s.after)}.values())
     if not layouts:
         raise InputError(f"The corpus {config.corpus!r} has no commands in {config.split!r}.")
-    renderer = SceneRenderer("nico", size=model.frame.eye_size)
+    renderer, eye = SceneRenderer("nico", size=model.frame.eye_size), _eye(model)
     looks = (
         Appearance.sample(generator(config.seed, "detection", config.split, index))
         for index in range(config.pictures)
     )
     return config.pictures, (
-        label(renderer, layouts[index % len(layouts)], look, model.frame)
+        label(renderer, layouts[index % len(layouts)], look, model.frame, eye)
         for index, look in enumerate(looks)
     )
+
+
+def _eye(model: RetinaNet) -> str:
+    """The robot's eye through which a detector reads layouts: the one that its crop is of."""
+    for eye, frame in EYE_FRAMES.items():
+        if model.frame.crop == frame.crop:
+            return eye
+    known = ", ".join(f"{frame.crop} ({eye})" for eye, frame in EYE_FRAMES.items())
+    raise CheckpointError(
+        f"This detector looks at the part {model.frame.crop} of a picture, which is no eye's; "
+        f"known are {known}. Train one with fusionnet train detector."
+    )
+
+
+def _check_eye(dataset: Path, split: str, eye: str) -> None:
+    """Refuse a split in which another eye looks: each has its own nominal camera."""
+    plan = read_plan(dataset)
+    others = [other for other in plan.eyes if other != eye]
+    in_views = plan.views[0] and SPLITS[split][1] != "eyes"
+    if others and not (in_views and (split != "train" or plan.eyes_share == 0.0)):
+        raise InputError(
+            f"In {dataset} the {others[0]} looks; this detector is one of the {eye}. Build a data "
+            f"set with --eyes {eye}, or measure a detector of the {others[0]} (--checkpoint)."
+        )
 
 
 def _in_input(boxes: Boxes, frame: PictureFrame) -> Boxes:
