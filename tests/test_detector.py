@@ -15,9 +15,10 @@ from fusionnet.dataset.layouts import varied_layout
 from fusionnet.dataset.pictures import EYE_FRAME, label
 from fusionnet.dataset.reader import StoredPictures, StoredSamples
 from fusionnet.dataset.shots import FARTHEST, Eyes
-from fusionnet.errors import InputError
+from fusionnet.errors import CheckpointError, InputError
 from fusionnet.evaluation.detection import DetectionEvaluation, evaluate
 from fusionnet.models import retinanet
+from fusionnet.models.checkpoint import save_checkpoint
 from fusionnet.models.heads import camera_pose, occupancy
 from fusionnet.models.heads.boxes import BoxConfig, Boxes, BoxHead, BoxOutputs
 from fusionnet.models.policy_folder import detector_folder
@@ -139,21 +140,32 @@ def test_layouts_are_learnt_through_the_eye_alone(stored, model):
     assert set(model.losses(outputs, views)) == {"class", "box"}
 
 
-def test_a_detector_starts_from_another(tmp_path, model):
+def test_a_detector_starts_from_another(tmp_path, model, caplog):
     model.save(tmp_path / "detector", {}, half=False)
     other = new_detector(seed=5)
-    assert start_from(other, tmp_path / "detector") == []
+    assert start_from(other, tmp_path / "detector") == [] and not caplog.records
     for ours, theirs in zip(other.parameters(), model.parameters(), strict=True):
         torch.testing.assert_close(ours, theirs)
     plain = RetinaNet(dataclasses.replace(model.config, detail=0, reasoning=2, second_look=0))
     plain.save(tmp_path / "plain", {}, half=False)
     left = start_from(other, tmp_path / "plain")
+    assert f"{len(left)} of {len(other.state_dict())} tensors begin anew" in caplog.text
+    assert left[0] in caplog.text and left[-1] not in caplog.text
     assert "occupancy_head.embed_detail.weight" in left and "occupancy_head.look.weight" in left
     assert len(left) < 50
     image = torch.randint(0, 255, (1, *SHAPE), dtype=torch.uint8)
     with torch.inference_mode():  # what is new begins as the identity
         found, wanted = other.eval()(image), plain.eval()(image)
     torch.testing.assert_close(found["cells"].logits, wanted["cells"].logits)
+
+
+def test_a_detector_of_which_nothing_fits_is_no_start(tmp_path, model):
+    tensors = {f"elsewhere.{n}": t for n, t in model.state_dict().items()}
+    tensors |= {n: t + 0 for n, t in model.state_dict().items() if n.endswith("_tracked")}
+    config = model.config.as_json()
+    save_checkpoint(tmp_path / "other", kind=retinanet.KIND, config=config, tensors=tensors)
+    with pytest.raises(CheckpointError, match="Nothing of the detector in .*without --start"):
+        start_from(model, tmp_path / "other")
 
 
 def test_pictures_without_blocks_are_learnt_from(stored):

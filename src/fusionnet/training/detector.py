@@ -22,7 +22,7 @@ from fusionnet.dataset.folder import read_plan
 from fusionnet.dataset.frame import PictureFrame
 from fusionnet.dataset.pictures import EYE_FRAMES, Labels
 from fusionnet.dataset.reader import StoredPictures
-from fusionnet.errors import InputError
+from fusionnet.errors import CheckpointError, InputError
 from fusionnet.models.checkpoint import check_checkpoint_folder, load_checkpoint
 from fusionnet.models.detectors import compact, views
 from fusionnet.models.heads.camera_pose import PARAMETERS
@@ -54,6 +54,10 @@ FINER = 2
 
 POSE_ERROR = 0.06
 """Standard deviation of the disturbance of the true camera, in `camera_pose.UNITS`."""
+
+
+SHOWN = 5
+"""Tensors that a warning names."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -216,13 +220,22 @@ def start_from(model: RetinaNet, folder: Path) -> list[str]:
     """Take over another detector's weights where names and shapes agree; returns the others.
 
     Raises:
-        CheckpointError: If it is missing or damaged, or no detector.
+        CheckpointError: If it is missing or damaged, or no detector, or if nothing agrees.
     """
     given, own = load_checkpoint(folder, KIND).tensors, model.state_dict()
     fits = {n: t for n, t in given.items() if n in own and own[n].shape == t.shape}
+    if not fits.keys() & dict(model.named_parameters()).keys():
+        raise CheckpointError(
+            f"Nothing of the detector in {folder} can be taken over: none of its {len(given)} "
+            "tensors has the name and the shape of one here. Begin with a detector of the same "
+            "preset, or without --start."
+        )
     model.load_state_dict(fits, strict=False)
     left = sorted(own.keys() - fits.keys())
-    log.info("%d tensors taken over from %s, %d left as they were", len(fits), folder, len(left))
+    log.info("%d tensors taken over from %s", len(fits), folder)
+    if left:
+        shown = ", ".join(left[:SHOWN]) + (", ..." if len(left) > SHOWN else "")
+        log.warning("%d of %d tensors begin anew: %s", len(left), len(own), shown)
     return left
 
 
