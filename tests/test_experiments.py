@@ -300,13 +300,15 @@ def test_what_is_done_alone_waits_for_another_process(tmp_path):
     waiting.join()
 
 
-def test_two_processes_need_the_fusion_set_and_one_builds_it(tmp_path, monkeypatch):
-    built = []
+def test_two_processes_need_the_fusion_set_and_each_checks_it_alone(tmp_path, monkeypatch):
+    built, building = [], threading.Lock()
 
     def build(folder: Path, *_: object, **__: object) -> None:
-        built.append(folder)
-        time.sleep(0.3)
+        assert building.acquire(blocking=False)
         write_whole(folder / "checksums.json", "{}")
+        time.sleep(0.3)
+        built.append(folder)
+        building.release()
 
     monkeypatch.setattr(_thesis_fusion, "build", build)
     monkeypatch.setattr(_thesis_fusion, "plan_for", lambda *_, **__: None)
@@ -317,7 +319,7 @@ def test_two_processes_need_the_fusion_set_and_one_builds_it(tmp_path, monkeypat
         thread.start()
     for thread in needing:
         thread.join()
-    assert built == [tmp_path / "fusion-set"]
+    assert built == 2 * [tmp_path / "fusion-set"]  # which refuses one of another plan
 
 
 def test_the_final_models_transformer_is_slowed_by_the_loss_that_it_learns(tmp_path, monkeypatch):

@@ -44,12 +44,11 @@ def fusion_set(trial: Trial) -> Path:
     """The data set of all these experiments at a scale, built by one process; others wait.
 
     Raises:
-        DataError: If it is not built yet and the treebank was not given.
+        DataError: If the treebank is needed and was not given.
+        InputError: If the folder holds a data set of another plan.
     """
     folder = trial.work / "fusion-set"
     with alone(trial.work, folder.relative_to(trial.work)):
-        if (folder / "checksums.json").is_file():
-            return folder
         corpus = corpus_for(trial).name
         sources = Sources(data=trial.data)
         size = (160, 90) if trial.scale == "smoke" else (480, 270)
