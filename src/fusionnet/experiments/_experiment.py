@@ -135,7 +135,7 @@ class Trial:
         variant: What to run.
         seed: Of everything random; the variants of one seed are compared as pairs.
         scale: Size.
-        data: Folder of the treebank, if it was given; `commands_for` reads it.
+        data: Folder of the treebank, if it was given; `corpus_for` reads it.
         work: Folder for data sets and weights that the trials of a scale share.
         progress: Called with what is done, of how much, and maybe a line of a log.
     """
