@@ -95,6 +95,13 @@ def test_a_plan_comes_back_from_its_json(plan):
         BuildPlan.from_json({"counts": {"trainn": 3}})
 
 
+@pytest.mark.parametrize("count", [10**15, 0, -1, 10**9])
+def test_a_strangers_plan_cannot_ask_for_any_number_of_samples(plan, count):
+    asked = plan.as_json() | {"counts": {"train": count}, "shard": 1}
+    with pytest.raises(DataError, match=r"no plan of a data set.*(1 to 1000000000|up to 2000000)"):
+        BuildPlan.from_json(asked)
+
+
 @pytest.mark.parametrize("scale", ["", "tiny", "0", "-3", "2.5", "9999999999999"])
 def test_an_unknown_scale_is_refused(scale):
     with pytest.raises(InputError, match="none of smoke, small, thesis or a number"):

@@ -1,6 +1,7 @@
 import json
 import shutil
 from functools import partial
+from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
@@ -12,6 +13,7 @@ from pycocotools.coco import COCO
 from dataset_fixtures import SIZE, small_plan, small_sources
 from fusionnet.apps.cli import main
 from fusionnet.blocks import CLASS_NAMES
+from fusionnet.dataset import export_coco as export
 from fusionnet.dataset.build import build
 from fusionnet.dataset.check import check, sample_faults
 from fusionnet.dataset.contact_sheet import CAPTION, TILE, contact_sheet
@@ -106,6 +108,18 @@ def test_a_contact_sheet_shows_boxes_in_the_blocks_colours(built, tmp_path):
     assert main(["dataset", "show", str(built), "--samples", "2", "--out", str(out)]) == 0
     with Image.open(out) as picture:
         assert picture.size == (2 * TILE[0], TILE[1] + CAPTION)
+
+
+def test_a_strangers_ids_name_no_files(tmp_path, monkeypatch):
+    monkeypatch.setattr(export, "read_plan", lambda folder: SimpleNamespace(counts=[("val", 2)]))
+    picture = {"image": {"bytes": b"jpeg"}, "width": 4, "height": 3, "sentence": "go"}
+    boxes = dict.fromkeys(("boxes", "classes", "masks", "box_blocks"), ())
+    ids = (str(tmp_path / "absolute"), "../../../beside")
+    samples = [{"id": name, **picture, **boxes} for name in ids]
+    monkeypatch.setattr(export, "StoredSamples", lambda folder, split: samples)
+    export_coco(tmp_path, tmp_path / "coco")
+    written = {str(file.relative_to(tmp_path)) for file in tmp_path.rglob("*.jpg")}
+    assert written == {f"coco/images/val/val-{number:08d}.jpg" for number in (0, 1)}
 
 
 @pytest.mark.filterwarnings("ignore:__array__ implementation:DeprecationWarning")  # pycocotools

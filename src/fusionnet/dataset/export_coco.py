@@ -21,7 +21,10 @@ Progress = Callable[[int, int], None]
 def export_coco(
     folder: Path, out: Path, splits: Iterable[str] | None = None, progress: Progress | None = None
 ) -> None:
-    """Write `OUT/images/SPLIT/ID.jpg`, `OUT/annotations/instances_SPLIT.json` and captions.
+    """Write `OUT/images/SPLIT/SPLIT-NUMBER.jpg`, annotations and captions of each split.
+
+    The annotations are `OUT/annotations/instances_SPLIT.json`. A sample's own id names no file:
+    a stranger's may be a path.
 
     Args:
         folder: The data set.
@@ -44,7 +47,7 @@ def export_coco(
             del captions["categories"]
             numbers = count(1)
             for number, sample in enumerate(samples, 1):
-                name = f"{sample['id']}.jpg"
+                name = f"{split}-{number - 1:08d}.jpg"
                 (aside / "images" / split / name).write_bytes(sample["image"]["bytes"])
                 image = {
                     "id": number,

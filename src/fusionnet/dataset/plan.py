@@ -30,6 +30,9 @@ SCALES: Mapping[str, Mapping[str, int]] = {
 LARGEST = 1_000_000_000
 """Training samples that may be asked for."""
 
+MOST_SHARDS = 2_000_000
+"""Files of a data set; the checksums of more could not be read."""
+
 
 def counts_for(scale: str, views: bool) -> dict[str, int]:
     """Samples a split.
@@ -103,12 +106,21 @@ class BuildPlan:
 
     def __post_init__(self) -> None:
         """Refuse what cannot be built."""
+        for split, count in self.counts:
+            if not 0 < count <= LARGEST:
+                raise InputError(f"A split has 1 to {LARGEST} samples; {split!r} has {count}.")
         shares = ("eyes_share", "varied", "invented", "displaced", "noised", "strength")
         for name in shares:
             if not 0.0 <= getattr(self, name) <= 1.0:
                 raise InputError(f"{name} is a share, from 0 to 1; received {getattr(self, name)}.")
         if not 1 <= self.shard <= 10_000:
             raise InputError(f"A shard has 1 to 10000 samples; received {self.shard}.")
+        files = sum(-(-count // self.shard) for _, count in self.counts)
+        if files > MOST_SHARDS:
+            raise InputError(
+                f"A data set has up to {MOST_SHARDS} shards, not {files}; put more samples into "
+                "each (--shard)."
+            )
         if not 1 <= self.quality <= 100:
             raise InputError(f"The quality of a JPEG goes from 1 to 100; received {self.quality}.")
         if not all(32 <= side <= 4096 for side in self.size):
