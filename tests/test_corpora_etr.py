@@ -177,6 +177,25 @@ def test_sources_that_are_none(tmp_path):
         load_corpus("etr", tmp_path / "broken.zip")
 
 
+@pytest.mark.parametrize("packing", [zipfile.ZIP_DEFLATED, zipfile.ZIP_LZMA, zipfile.ZIP_BZIP2])
+def test_damaged_bytes_in_a_zip_are_named(tmp_path, packing):
+    path = tmp_path / "etr.zip"
+    with zipfile.ZipFile(path, "w", packing) as archive:
+        archive.writestr("layouts.xml", FILES["layouts.xml"])
+    content = path.read_bytes()
+    begin = content.index(b"layouts.xml") + len("layouts.xml")
+    path.write_bytes(content[:begin] + b"\xff" * 60 + content[begin + 60 :])
+    with pytest.raises(DataError, match=r"etr\.zip (is not a zip that can|cannot) be read: "):
+        load_corpus("etr", path)
+
+
+@pytest.mark.parametrize("encoding", ["latin-99", "shift_jis", "punycode"])
+def test_an_encoding_that_cannot_be_read_is_named(folder, encoding):
+    (folder / "scenes.xml").write_text(f'<?xml version="1.0" encoding="{encoding}"?><scenes/>')
+    with pytest.raises(DataError, match=r"scenes\.xml, line 1: .*; save the file as UTF-8"):
+        load_corpus("etr", folder)
+
+
 def test_any_layout_comes_back(tmp_path):
     rng = np.random.default_rng(0)
     layouts = [replace(random_layout(rng), id=number) for number in range(1, 21)]

@@ -4,7 +4,9 @@ What is read is only the elements' names and attributes. A document type, the on
 door to entities, is refused.
 """
 
+import lzma
 import zipfile
+import zlib
 from collections.abc import Iterator
 from pathlib import Path, PurePosixPath
 from typing import NamedTuple
@@ -14,6 +16,11 @@ from fusionnet.errors import DataError
 
 LARGEST_FILE = 100_000_000
 """Bytes that one XML file may have."""
+
+_DAMAGED = (
+    *(zipfile.BadZipFile, zlib.error, lzma.LZMAError, EOFError, ValueError),
+    *(RuntimeError, NotImplementedError),  # encrypted, or packed in an unknown way
+)
 
 
 class Element(NamedTuple):
@@ -73,7 +80,9 @@ def _from_zip(path: Path, names: tuple[str, ...]) -> dict[str, bytes]:
                 if name in names and "__MACOSX" not in entry.filename:
                     with archive.open(entry) as file:
                         found[name] = _checked(name, file.read(LARGEST_FILE + 1))
-    except (zipfile.BadZipFile, RuntimeError, NotImplementedError, EOFError) as error:
+    except DataError:
+        raise
+    except _DAMAGED as error:
         raise DataError(f"{path} is not a zip that can be read: {error}.") from None
     return found
 
@@ -82,8 +91,8 @@ def elements(name: str, content: bytes) -> Iterator[Element]:
     """All elements of an XML file, in the order of their starts.
 
     Raises:
-        DataError: If it is not well-formed or has a document type; the message
-            names file, line and reason.
+        DataError: If it is not well-formed, has a document type or an unknown encoding; the
+            message names file, line and reason.
     """
     found: list[Element] = []
     parser = expat.ParserCreate()
@@ -104,4 +113,10 @@ def elements(name: str, content: bytes) -> Iterator[Element]:
     except expat.ExpatError as error:
         reason = expat.ErrorString(error.code)
         raise DataError(f"{name}, line {error.lineno}: not well-formed XML: {reason}.") from None
+    except DataError:
+        raise
+    except (LookupError, ValueError) as error:  # from the encoding that the file declares
+        raise DataError(
+            f"{name}, line {parser.CurrentLineNumber}: {error}; save the file as UTF-8."
+        ) from None
     yield from found
