@@ -1,4 +1,5 @@
 import json
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -6,10 +7,12 @@ import pytest
 from fusionnet import load_policy, make_world
 from fusionnet.corpora import load_corpus
 from fusionnet.errors import CheckpointError, InputError, PlanningError, UnknownNameError
+from fusionnet.evaluation import policy as evaluation
 from fusionnet.evaluation.intervals import wilson_interval
-from fusionnet.evaluation.policy import PolicyEvaluation, evaluate, joint_errors
+from fusionnet.evaluation.policy import EpisodeRecord, PolicyEvaluation, evaluate, joint_errors
 from fusionnet.robots import load as load_robot
 from fusionnet.simulation import joint_targets
+from tiny_treebank import ask_the_impossible, write_tiny_treebank
 
 SENTENCE = "put the red pyramid on the blue cube"
 
@@ -108,6 +111,27 @@ def test_an_evaluation_counts_every_episode_once():
     low, high = numbers["executed_success_95"]
     assert low <= numbers["executed_success"] <= high
     assert [r.command for r in evaluate(config).records] == [r.command for r in report.records]
+
+
+def test_commands_that_cannot_be_executed_are_counted_and_left_out(tmp_path, monkeypatch):
+    data = write_tiny_treebank(tmp_path)
+    first, *others = [c.id for c in load_corpus("treebank", data).split("test")]
+    ask_the_impossible(data, first)
+    config = PolicyEvaluation(data=data, policy="symbolic", episodes=len(others))
+    asked = []
+    row = EpisodeRecord(0, "reached", "", 0.0, 0.0, 0.0, 1.0)
+    monkeypatch.setattr(evaluation, "load_policy", lambda *_, **__: None)
+    monkeypatch.setattr(
+        evaluation,
+        "_episode",
+        lambda policy, command, *_: asked.append(command.id) or SimpleNamespace(record=row),
+    )
+    report = evaluate(config)
+    assert sorted(asked) == others
+    assert report.as_json()["not_executable"] == 1
+    ask_the_impossible(data)
+    with pytest.raises(InputError, match=f"can be executed, and {1 + len(others)} that cannot"):
+        evaluate(config)
 
 
 def test_an_evaluation_needs_episodes():

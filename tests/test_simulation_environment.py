@@ -21,6 +21,7 @@ from fusionnet.simulation.motion import PathPlanner
 from fusionnet.simulation.offscreen import Offscreen
 from fusionnet.simulation.renderer import shared_renderer
 from fusionnet.simulation.servo_environment import PickPlaceServo
+from tiny_treebank import ask_the_impossible, write_tiny_treebank
 
 SIZE = (128, 72)
 
@@ -86,6 +87,15 @@ def test_the_external_camera_shows_the_world(environment):
 def test_an_unknown_command_is_refused(environment):
     with pytest.raises(InputError, match="No command -1"):
         environment.reset(options={"command": -1})
+
+
+def test_commands_that_cannot_be_executed_are_left_out(tmp_path):
+    data = ask_the_impossible(write_tiny_treebank(tmp_path), 2, 5)
+    environment = PickPlace(corpus="treebank", data=data, size=SIZE)
+    assert len(environment.commands) == 38 and not {2, 5} & environment.commands.keys()
+    ask_the_impossible(data)
+    with pytest.raises(InputError, match="has no commands that can be executed"):
+        PickPlace(corpus="treebank", data=data, size=SIZE)
 
 
 @pytest.mark.parametrize("name", ["PickPlace", "PickPlaceServo"])

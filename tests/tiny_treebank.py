@@ -12,6 +12,20 @@ _TREE = (
 )
 
 
+IMPOSSIBLE = "(event: (action: take) (entity: (color: magenta) (type: cube)))"
+"""A tree that no layout of the tiny treebank has a block for."""
+
+
+def ask_the_impossible(folder: Path, *commands: int) -> Path:
+    """Give some of a tiny treebank's commands (all by default) a tree that cannot be executed."""
+    file = folder / "annotation.txt"
+    rows = [line.split("\t") for line in file.read_text().splitlines()]
+    trees = [IMPOSSIBLE if not commands or int(row[0]) in commands else row[2] for row in rows]
+    lines = [f"{row[0]}\trcl\t{tree}" for row, tree in zip(rows, trees, strict=True)]
+    file.write_text("\n".join(lines) + "\n")
+    return folder
+
+
 def write_tiny_treebank(folder: Path) -> Path:
     """Five groups of five layouts; in each, two sentences for each of four moves."""
     configuration, commands, annotation, number = [], [], [], 0

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from fusionnet.catalogue import Catalogue
 from fusionnet.corpora._command import Command, Corpus, Part, part_of
-from fusionnet.corpora._discard import discard
+from fusionnet.corpora._discard import discard, executable
 from fusionnet.corpora._export import command_as_json, json_lines, treebank_files
 
 CATALOGUE = Catalogue("fusionnet.corpora", kind="corpus", attribute="CORPUS")
@@ -42,6 +42,7 @@ __all__ = [
     "Part",
     "command_as_json",
     "discard",
+    "executable",
     "json_lines",
     "load_corpus",
     "part_of",

@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Float, UInt8
 
 from fusionnet.blocks import Layout, Move, apply, plan
-from fusionnet.corpora import Command, load_corpus
+from fusionnet.corpora import Command, executable, load_corpus
 from fusionnet.errors import DoubtError, InputError, NotUnderstoodError, PlanningError
 from fusionnet.evaluation.intervals import wilson_interval
 from fusionnet.policy import Answer, Kind, Policy, Servo, ThesisAnswer, ThesisPolicy, load_policy
@@ -119,10 +119,13 @@ class PolicyReport:
     Attributes:
         config: What was measured.
         records: One an episode.
+        not_executable: Commands of the part that were left out, because what they ask for
+            cannot be done in their scene.
     """
 
     config: PolicyEvaluation
     records: list[EpisodeRecord] = field(default_factory=list)
+    not_executable: int = 0
 
     def as_json(self) -> dict[str, Any]:
         """The numbers that are reported; joint errors are over the answered episodes."""
@@ -143,6 +146,7 @@ class PolicyReport:
             "displaced_mm": self.config.displaced,
             "joint_noise_deg": self.config.joint_noise,
             "seed": self.config.seed,
+            "not_executable": self.not_executable,
             "n": len(self.records),
             "answered": len(answered),
             "executed_success": round(reached / len(self.records), 4),
@@ -177,7 +181,7 @@ def evaluate(
 
     Raises:
         InputError: If no episodes are asked for, a disturbance is negative, the part has no
-            commands, or the policy cannot do what it is asked for.
+            executable commands, or the policy cannot do what it is asked for.
     """
     if config.episodes < 1:
         raise InputError(f"At least one episode is needed; received {config.episodes}.")
@@ -187,9 +191,14 @@ def evaluate(
             "displaced, joint_noise and strength are numbers of at least 0; received "
             f"{', '.join(map(str, disturbances))}."
         )
-    commands = load_corpus(config.corpus, config.data).split(config.split)
+    corpus = load_corpus(config.corpus, config.data)
+    commands = executable(corpus).split(config.split)
+    not_executable = len(corpus.split(config.split)) - len(commands)
     if not commands:
-        raise InputError(f"The corpus {config.corpus!r} has no commands in {config.split!r}.")
+        raise InputError(
+            f"The corpus {config.corpus!r} has no commands in {config.split!r} that can be "
+            f"executed, and {not_executable} that cannot; name another part or corpus."
+        )
     policy = load_policy(
         config.checkpoint,
         config.policy,
@@ -197,7 +206,7 @@ def evaluate(
         check=config.check,
         displaced=config.displaced > 0.0,
     )
-    report = PolicyReport(config)
+    report = PolicyReport(config, not_executable=not_executable)
     for index in range(config.episodes):
         round_number, row = divmod(index, len(commands))
         order = generator(config.seed, "episodes", round_number).permutation(len(commands))

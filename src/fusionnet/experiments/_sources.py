@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from fusionnet.corpora import Corpus, load_corpus, synthetic
+from fusionnet.corpora import Corpus, executable, load_corpus, synthetic
 from fusionnet.errors import DataError
 from fusionnet.experiments._experiment import Trial
 
@@ -11,7 +11,7 @@ SMOKE_COMMANDS = 250
 
 
 def corpus_for(trial: Trial) -> Corpus:
-    """The treebank; at the smoke scale commands of our own, which need no data.
+    """The treebank's executable commands; at the smoke scale our own, which need no data.
 
     Its parts are `split("train")`, `split("val")` and `split("test")`, by scene group. Choose
     on val; the test groups are for the final numbers alone.
@@ -29,7 +29,7 @@ def corpus_for(trial: Trial) -> Corpus:
             f" {trial.experiment} --scale {trial.scale} --data DIR`, where DIR holds commands.txt,"
             " annotation.txt and configuration.txt."
         )
-    return load_corpus("treebank", trial.data)
+    return executable(load_corpus("treebank", trial.data))
 
 
 def require(path: Path, trial: Trial, command: str) -> Path:

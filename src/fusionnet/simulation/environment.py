@@ -11,7 +11,7 @@ from jaxtyping import Float, UInt8
 
 from fusionnet import robots
 from fusionnet.blocks import Layout, apply, plan
-from fusionnet.corpora import Command, load_corpus
+from fusionnet.corpora import Command, executable, load_corpus
 from fusionnet.errors import InputError
 from fusionnet.randomness import derived_seed, generator
 from fusionnet.simulation.appearance import Appearance
@@ -37,9 +37,9 @@ class PickPlace(gymnasium.Env[dict[str, Any], np.ndarray]):
     command), `joint_positions` (the arm's joints, in radians).
 
     ## Start
-    A command of the corpus and its layout, drawn by the seed; `reset(options={"command":
-    id})` chooses one. The look of the pictures is nominal, or drawn by the seed too if
-    `varied` is set.
+    A command of the corpus, of those that can be executed, and its layout, drawn by the seed;
+    `reset(options={"command": id})` chooses one. The look of the pictures is nominal, or drawn
+    by the seed too if `varied` is set.
 
     ## Reward
     1 if every block ended in the cell where the command wants it and the gripper holds what
@@ -60,7 +60,7 @@ class PickPlace(gymnasium.Env[dict[str, Any], np.ndarray]):
             the motion as it happens; needs a display) or None.
 
     Raises:
-        InputError: If there is no such render mode, or no command in the split.
+        InputError: If there is no such render mode, or no executable command in the split.
     """
 
     metadata = {"render_modes": ["rgb_array", "human"], "render_fps": 25}
@@ -79,10 +79,13 @@ class PickPlace(gymnasium.Env[dict[str, Any], np.ndarray]):
         if render_mode is not None and render_mode not in modes:
             raise InputError(f"No render mode {render_mode!r}; available: {', '.join(modes)}.")
         self.robot = robots.load(robot)
-        records = load_corpus(corpus, data)
+        records = executable(load_corpus(corpus, data))
         commands = records.commands if split is None else tuple(records.split(split))
         if not commands:
-            raise InputError(f"The corpus {corpus!r} has no commands in {split!r}.")
+            part = "" if split is None else f" in {split!r}"
+            raise InputError(
+                f"The corpus {corpus!r} has no commands{part} that can be executed; name another."
+            )
         self.commands: dict[int, Command] = {command.id: command for command in commands}
         self.size = size
         self.varied = varied
