@@ -10,7 +10,7 @@ import pytest
 from fusionnet.apps.gallery import Gallery
 from fusionnet.errors import PlanningError
 from fusionnet.evaluation import policy as evaluation
-from fusionnet.evaluation.policy import PolicyEvaluation, evaluate
+from fusionnet.evaluation.policy import EpisodeRecord, PolicyEvaluation, PolicyReport, evaluate
 from fusionnet.policy import Policy, load_policy
 
 
@@ -27,6 +27,9 @@ class Clumsy(Policy):
             raise PlanningError("There is no <green> cube here.")
         answer = super().__call__(image, sentence)
         return dataclasses.replace(answer, place=answer.grasp, target_cell=answer.source_cell)
+
+
+REACHED = EpisodeRecord(1, "reached", "", 0.0, 0.0, 0.0, 1.0)
 
 
 @pytest.fixture(scope="module")
@@ -61,5 +64,6 @@ def test_the_page_has_a_card_a_failure_and_needs_nothing_else(watched):
 
 
 def test_without_failures_the_page_says_so():
-    numbers = {"executed_success": 1.0, "executed_success_95": [0.7, 1.0]}
-    assert "Nothing failed" in Gallery().page(numbers)
+    report = PolicyReport(PolicyEvaluation(strength=0.25), [REACHED])
+    page = Gallery().page(report.as_json())
+    assert "Nothing failed" in page and "<li>strength <b>0.25</b></li>" in page

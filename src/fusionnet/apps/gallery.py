@@ -76,7 +76,7 @@ class Gallery:
         )
         facts = "".join(
             f"<li>{escape(name)} <b>{escape(str(numbers[name]))}</b></li>"
-            for name in ("corpus", "split", "policy", "checkpoint", "seed")
+            for name in ("corpus", "split", "policy", "checkpoint", "strength", "seed")
             if name in numbers
         )
         return f"""<!DOCTYPE html>

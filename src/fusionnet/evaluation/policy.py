@@ -145,6 +145,7 @@ class PolicyReport:
             "closed_loop": self.config.closed_loop,
             "displaced_mm": self.config.displaced,
             "joint_noise_deg": self.config.joint_noise,
+            "strength": self.config.strength,
             "seed": self.config.seed,
             "not_executable": self.not_executable,
             "n": len(self.records),
