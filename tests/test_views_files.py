@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from fusionnet.errors import DataError, InputError, OutputError
 from fusionnet.geometry import rotation_from_vector, transform
 from fusionnet.views import EnvironmentalView, check_view, load_views, save_views
+from fusionnet.views.view_files import names_for
 
 DOWN = np.diag([1.0, -1.0, -1.0])
 
@@ -83,6 +84,14 @@ def test_an_impossible_view_is_refused_and_nothing_is_written(
     with pytest.raises(InputError, match=message):
         save_views(tmp_path / "views", (made_view(), made_view(**({"name": "b"} | changes))))
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_name_for_any_text_is_its_own_and_can_be_saved(tmp_path: Path) -> None:
+    texts = ["room-IMG_1", "room-IMG_1", "Küche 2-IMG (3)", "_-.", "..", "room-IMG_1-2", "a" * 200]
+    names = names_for(texts)
+    assert names[:5] == ["room-IMG_1", "room-IMG_1-2", "K-che-2-IMG--3-", "view", "view-2"]
+    save_views(tmp_path / "views", tuple(made_view(name) for name in names))
+    assert [view.name for view in load_views(tmp_path / "views")] == names
 
 
 def test_views_are_not_written_over_files_that_are_there(tmp_path: Path) -> None:

@@ -98,6 +98,17 @@ def test_a_calibration_that_does_not_fit_is_refused(wrong, room, calibrated, tmp
     assert not out.exists()
 
 
+def test_any_folder_and_file_may_be_called_as_it_is(room, calibrated, tmp_path):
+    folder = tmp_path / "Büro, links"
+    folder.mkdir()
+    for name in ("IMG 1.jpg", "IMG 1.jpeg"):
+        shutil.copy(room / "view-1.jpg", folder / name)
+    out = tmp_path / "views"
+    arguments = import_command(folder, out, "--validation", "0")
+    assert main([*arguments, "--calibration", str(calibrated)]) == 0
+    assert [view.name for view in load_views(out)] == ["B-ro--links-IMG-1", "B-ro--links-IMG-1-2"]
+
+
 def test_photographs_without_the_whole_grid_become_no_views(room, calibrated, tmp_path, capsys):
     views = {view.name.removeprefix("round-white-bright-") for view in load_views(calibrated)}
     document = json.loads((calibrated / "calibration.json").read_text())

@@ -21,6 +21,7 @@ from fusionnet.views.pose import (
     place_deviation,
 )
 from fusionnet.views.view import EnvironmentalView, check_view
+from fusionnet.views.view_files import names_for
 
 MOST_UNCERTAIN = 0.0005
 """Standard deviation (metres) of a camera's place up to which its photograph becomes a view: 19
@@ -169,7 +170,7 @@ def import_views(
             is as large as a block.
 
     Returns:
-        Views for training; `set_aside` makes some validate.
+        Views for training, called by their folder and file; `set_aside` makes some validate.
     """
     views, left_out = [], list(calibration.left_out)
     for environment in calibration.environments:
@@ -184,7 +185,9 @@ def import_views(
                 left_out.append(replace(photograph, reason=str(error)))
             else:
                 views.append(view)
-    return ImportedViews(tuple(views), tuple(left_out))
+    names = names_for([view.name for view in views])
+    named = [replace(view, name=name) for view, name in zip(views, names, strict=True)]
+    return ImportedViews(tuple(named), tuple(left_out))
 
 
 def _check_certain(deviation: float, most: float) -> None:

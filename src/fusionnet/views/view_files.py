@@ -3,6 +3,8 @@
 import io
 import json
 import re
+from collections.abc import Sequence
+from itertools import chain, count
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +28,9 @@ SHIPPED = {"rooms": Path(__file__).with_name("rooms15")}
 """Views that come with the package, by name."""
 
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,99}")
+_LONGEST = 90
+"""Characters of a name that is made of a file's, which leaves room for a number and a suffix."""
+
 _FIELDS = {"name", "environment", "part", "file", "matrix", "camera_from_board"}
 _ALL_FIELDS = _FIELDS | {"light_directions"}
 
@@ -105,6 +110,20 @@ def load_views(source: Path | str) -> tuple[EnvironmentalView, ...]:
     except InputError as error:
         raise DataError(f"{folder / VIEWS_FILE}: {error}") from None
     return views
+
+
+def names_for(texts: Sequence[str]) -> list[str]:
+    """Names that views can have, after any texts: each its own, and the text itself if it can be.
+
+    Other characters than letters, digits, '.', '_' and '-' become '-', and what comes again is
+    numbered: 'IMG', 'IMG-2', 'IMG-3'.
+    """
+    names: list[str] = []
+    for text in texts:
+        plain = re.sub(r"[^A-Za-z0-9._-]", "-", text).lstrip("._-")[:_LONGEST] or "view"
+        numbered = (f"{plain}-{number}" for number in count(2))
+        names.append(next(name for name in chain([plain], numbered) if name not in names))
+    return names
 
 
 def _check_names(names: list[str]) -> None:
