@@ -12,6 +12,7 @@ import sys
 from dataclasses import replace
 from importlib import resources
 from pathlib import Path
+from unittest.mock import Mock
 
 import imageio_ffmpeg
 import numpy as np
@@ -19,9 +20,11 @@ import pytest
 from PIL import Image
 
 from fusionnet.apps.cli import main
+from fusionnet.apps.page_evidence import answered
 from fusionnet.apps.run_folder import FILES
+from fusionnet.apps.run_record import RunRecord
 from fusionnet.corpora import load_corpus
-from fusionnet.policy import Policy
+from fusionnet.policy import Answer, Policy, Pose
 
 WEIGHTS = Path(str(resources.files("fusionnet"))) / "weights" / "compact"
 SENTENCE = "put the red pyramid on the blue cube"
@@ -76,6 +79,7 @@ def test_a_run_leaves_everything(shown) -> None:
     assert SENTENCE in tree and "(event: (action: move (token: 1))" in tree
     joints = json.loads((shown / "joint_angles.json").read_text())
     assert len(joints["grasp"]) == len(joints["place"]) == len(joints["joints"]) == 6
+    assert joints["units"] == ["rad"] * 6
 
 
 def test_its_result_tells_what_happened(shown) -> None:
@@ -110,6 +114,12 @@ def test_the_summary_says_what_it_saw_understood_and_did(shown, printed) -> None
     for word in ("saw", "understood", "planned", "answered", "grasp", "place", "did", "index.html"):
         assert word in text
     assert "red pyramid" in text and "Reached" in text
+
+
+def test_values_of_sliding_joints_are_no_angles() -> None:
+    poses = {"grasp": Pose(np.full(3, 0.0125), 0.0), "place": Pose(np.zeros(3), 0.0)}
+    page = answered(Mock(spec=RunRecord, robot="gantry", answer=Mock(spec=Answer, **poses)))
+    assert page.count("12.5 mm") == 3 and "\N{DEGREE SIGN}" not in page
 
 
 def test_json_is_one_object_and_nothing_else(capfd, tmp_path, monkeypatch) -> None:

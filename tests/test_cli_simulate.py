@@ -137,7 +137,7 @@ def values(count: int = 14, **changes: str) -> list[str]:
         (values(v3="nan"), "Joint 'l_elbow_y' was given nan; a finite number is needed"),
         (
             values(v10="2.0"),
-            "Joint 'l_elbow_y' cannot go to 114.59 degrees; its limits are -99.98 degrees to 99.98",
+            "Joint 'l_elbow_y' cannot go to 114.59\N{DEGREE SIGN}; its limits are -99.98",
         ),
         (values(v6="inf"), "gripper value is not finite"),
         ("--move 0 0 0 8 0 0".split(), "cannot reach (8, 0, 0)"),

@@ -1,5 +1,6 @@
 import json
 from types import SimpleNamespace
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ from fusionnet.errors import CheckpointError, InputError, PlanningError, Unknown
 from fusionnet.evaluation import policy as evaluation
 from fusionnet.evaluation.intervals import wilson_interval
 from fusionnet.evaluation.policy import EpisodeRecord, PolicyEvaluation, evaluate, joint_errors
+from fusionnet.policy import Answer
 from fusionnet.robots import load as load_robot
 from fusionnet.simulation import joint_targets
 from tiny_treebank import ask_the_impossible, write_tiny_treebank
@@ -55,7 +57,7 @@ def test_an_answer_is_reproducible_and_goes_to_json(picture):
     np.testing.assert_array_equal(one.targets, two.targets)
     document = json.loads(json.dumps(one.as_json(), allow_nan=False))
     assert document["symbolic_move"]["source"] == list(one.move.source)
-    assert len(document["grasp"]["joint_angles_rad"]) == 6
+    assert len(document["grasp"]["joint_values"]) == 6
     assert one.source.sum() == pytest.approx(1.0, abs=1e-3)
     assert one.target.sum() == pytest.approx(1.0, abs=1e-3)
     assert set(one.milliseconds) == {"see", "read", "vote", "fuse"}
@@ -101,6 +103,14 @@ def test_joint_errors_are_means_over_the_joints():
     assert (grasp, place) == pytest.approx((1.0, 0.0))
     low, high = robot.joint_limits[2]
     assert squared == pytest.approx(((np.radians(6.0) / (high - low)) ** 2 + 1.0) / 14)
+
+
+def test_degrees_are_for_joints_that_turn():
+    gantry, answer = load_robot("gantry"), Mock(spec=Answer, targets=np.zeros(8))
+    wanted = np.r_[0.1, 0.1, 0.1, 0.0, 0.0, 0.0, 0.0, 0.0]
+    assert joint_errors(gantry, np.zeros(8), wanted)[1:] == (0.0, 0.0)
+    disturbed = evaluation._disturbed(gantry, answer, PolicyEvaluation(joint_noise=9.0), 0)
+    np.testing.assert_array_equal(disturbed, answer.targets)
 
 
 def test_an_evaluation_counts_every_episode_once():

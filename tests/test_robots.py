@@ -173,8 +173,17 @@ def test_postures_that_the_arm_cannot_take_are_refused(name):
         with pytest.raises(InputError, match=f"{joint!r} was given nan"):
             robot.check_joint_angles(bad)
         bad[index] = robot.joint_limits[index, 1] + 0.1
-        with pytest.raises(InputError, match=f"{joint!r} cannot go to .*(degrees|mm); its limits"):
+        with pytest.raises(
+            InputError, match=f"{joint!r} cannot go to .*(\N{DEGREE SIGN}|mm); its limits"
+        ):
             robot.check_joint_angles(bad)
+
+
+def test_values_are_shown_in_degrees_or_millimetres():
+    nico, gantry = robots.load("nico"), robots.load("gantry")
+    assert nico.with_unit(nico.joint_names[0], np.pi / 4) == "45.0\N{DEGREE SIGN}"
+    assert gantry.with_unit("gantry_x", 0.0125, 2) == "12.50 mm"
+    assert nico.joint_units == ["rad"] * 6 and gantry.joint_units == ["m"] * 3
 
 
 def renamed(robot: robots.Robot, tmp_path, **changes) -> robots.Robot:

@@ -4,8 +4,6 @@ import re
 from collections.abc import Iterable
 from html import escape
 
-import numpy as np
-
 from fusionnet import rcl, robots
 from fusionnet.apps import tree_drawing
 from fusionnet.apps.board_drawing import board_svg, heat_svg, highest_level
@@ -140,10 +138,11 @@ def answered(record: RunRecord) -> str:
             for kind, value in (("grasp", grasp), ("place", place))
         )
         rows.append(
-            f'<tr><td>{escape(name)}</td><td class="number">{np.degrees(grasp):.1f}°</td>'
-            f'<td class="number">{np.degrees(place):.1f}°</td>'
+            f'<tr><td>{escape(name)}</td><td class="number">{robot.with_unit(name, grasp)}</td>'
+            f'<td class="number">{robot.with_unit(name, place)}</td>'
             f'<td class="wide"><div class="track">{marks}</div></td>'
-            f'<td class="number">{np.degrees(low):.0f}° … {np.degrees(high):.0f}°</td></tr>'
+            f'<td class="number">{robot.with_unit(name, low, 0)} … '
+            f"{robot.with_unit(name, high, 0)}</td></tr>"
         )
     states = ["closed" if pose.gripper >= 0.5 else "open" for pose in (answer.grasp, answer.place)]
     rows.append(
@@ -152,7 +151,7 @@ def answered(record: RunRecord) -> str:
     )
     return f"""<section class="half">
 <h2>What it answered</h2>
-<p>The arm's joint angles for the grasp and for the place, within their limits.</p>
+<p>The values of the arm's joints for the grasp and for the place, within their limits.</p>
 <table><tr><th>joint</th><th class="number"><span class="key"></span>grasp</th>
 <th class="number"><span class="key place"></span>place</th><th></th>
 <th class="number">limits</th></tr>{"".join(rows)}</table>

@@ -45,10 +45,9 @@ def table(config: TableConfig) -> dict[str, Any]:
         angles = robots.make_joint_table(robot, rounds=config.rounds)
         robots.save_joint_table(robot, angles)
     quality = robots.measure_joint_table(robot, angles)
-    slides = np.array([name in robot.sliding_joints for name in robot.joint_names])
 
     def readable(values: np.ndarray) -> list[float]:
-        rounded = np.where(slides, np.round(values, 6), np.round(np.degrees(values), 3))
+        rounded = np.where(robot.turning, np.round(np.degrees(values), 3), np.round(values, 6))
         return [float(value) for value in rounded]
 
     return {
@@ -58,7 +57,7 @@ def table(config: TableConfig) -> dict[str, Any]:
         "largest_position_error_m": quality.position_error,
         "largest_tilt_degrees": round(float(np.degrees(quality.tilt)), 3),
         "joints": list(robot.joint_names),
-        "units": ["m" if slide else "degrees" for slide in slides],
+        "units": ["degrees" if turns else "m" for turns in robot.turning],
         "smallest_distance_to_a_limit": readable(quality.limit_margin),
         "largest_step_between_adjacent_cells": readable(quality.adjacent),
         "mean_distance_to_a_cubic": readable(quality.cubic_residual),

@@ -30,7 +30,7 @@ def write_folder(record: RunRecord, out: Path) -> None:
     Raises:
         OutputError: If the disk is full or the folder cannot be written.
     """
-    answer = record.answer
+    answer, robot = record.answer, robots.load(record.robot)
     with written_whole(out) as folder:
         Image.fromarray(record.picture).save(folder / "picture.png")
         seen = draw_boxes(record.picture, record.boxes)
@@ -44,8 +44,8 @@ def write_folder(record: RunRecord, out: Path) -> None:
             (folder / "tree.svg").unlink()
         (folder / "tree.txt").write_text(text, encoding="utf-8")
         joints = {
-            "joints": list(robots.load(record.robot).joint_names),
-            "unit": "rad",
+            "joints": list(robot.joint_names),
+            "units": robot.joint_units,
             "grasp": [float(a) for a in answer.grasp.joint_angles],
             "grasp_gripper": float(answer.grasp.gripper),
             "place": [float(a) for a in answer.place.joint_angles],

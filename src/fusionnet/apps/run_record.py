@@ -9,6 +9,7 @@ from typing import Any, Literal
 import numpy as np
 from jaxtyping import UInt8
 
+from fusionnet import robots
 from fusionnet.apps.cli import EXIT_MISSED, EXIT_REACHED
 from fusionnet.apps.drawing import Box
 from fusionnet.apps.output_folder import RESULT_KIND
@@ -103,6 +104,7 @@ class RunRecord:
         Args:
             files: Names of the files written beside it.
         """
+        robot = robots.load(self.robot)
         return {
             "kind": RESULT_KIND,
             "schema_version": SCHEMA_VERSION,
@@ -121,6 +123,8 @@ class RunRecord:
             "layout_before": layout_to_json(self.layout),
             "layout_before_is_read_from_the_picture": self.layout_is_read,
             "layout_expected": None if self.expected is None else layout_to_json(self.expected),
+            "joints": list(robot.joint_names),
+            "joint_units": robot.joint_units,
             "answer": self.answer.as_json(),
             "episode": self.episode.as_json(),
             "seconds": {stage: round(value, 3) for stage, value in self.seconds.items()},

@@ -187,8 +187,7 @@ def _task(config: SimulateConfig) -> Task:
     if config.values is not None:
         targets = np.array(config.values, dtype=float)
         if config.degrees:
-            turning = [joint not in robot.sliding_joints for joint in robot.joint_names]
-            angles = np.array([*turning, False] * 2)
+            angles = np.array([*robot.turning, False] * 2)
             if angles.shape == targets.shape:  # otherwise the world says what is wrong
                 targets = np.where(angles, np.radians(targets), targets)
     elif config.move is not None:
@@ -264,9 +263,7 @@ def _print_summary(world: World, task: Task, episode: Episode, document: dict[st
         ("place", episode.targets[-count - 1 :]),
     ):
         angles = [
-            f"{value * 1000:.1f} mm"
-            if joint in world.robot.sliding_joints
-            else f"{np.degrees(value):.1f}\N{DEGREE SIGN}"
+            world.robot.with_unit(joint, value)
             for joint, value in zip(world.robot.joint_names, part[:-1], strict=True)
         ]
         print(f"{name}   {'  '.join(angles)}  {'closed' if part[-1] >= 0.5 else 'open'}")

@@ -3,7 +3,6 @@
 from collections import Counter
 from pathlib import Path
 
-import numpy as np
 from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
@@ -44,10 +43,12 @@ def print_summary(record: RunRecord, out: Path | None, console: Console | None =
     if isinstance(answer, Answer):
         source, target = tuple(answer.move.source), tuple(answer.move.target)
         table.add_row("planned", f"cell {source} to {target}, sure to {answer.confidence:.0%}")
-    names = robots.load(record.robot).joint_names
+    robot = robots.load(record.robot)
+    names = robot.joint_names
     table.add_row("answered", Text("".join(f"{_short(name):>9}" for name in names), style="dim"))
     for name, pose in (("grasp", answer.grasp), ("place", answer.place)):
-        angles = "".join(f"{np.degrees(a):8.1f}°" for a in pose.joint_angles)
+        values = zip(names, pose.joint_angles, strict=True)
+        angles = "".join(f" {robot.with_unit(name, float(a)):>8}" for name, a in values)
         state = "closed" if pose.gripper >= 0.5 else "open"
         table.add_row(f"  {name}", f"{angles} {state}")
     total = sum(answer.milliseconds.values())

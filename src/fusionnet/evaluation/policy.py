@@ -50,7 +50,8 @@ class PolicyEvaluation:
         closed_loop: Whether the policy looks again before the grasp and above the place.
         displaced: Blocks that nothing stands on are displaced from their cells by up to this
             much, in millimetres; if they are, the policy is told so.
-        joint_noise: Standard deviation of an error of every joint of both poses, in degrees.
+        joint_noise: Standard deviation of the error of every turning joint in both poses, in
+            degrees.
         strength: Of the camera's and blocks' displacement; 0 leaves only light and colours.
         seed: Of the drawing, the looks and the policy's vote.
     """
@@ -79,8 +80,8 @@ class EpisodeRecord:
         outcome: What became of it.
         reason: The episode's own account, or the policy's refusal.
         squared_error: Mean squared error of the fourteen scaled values; None if refused.
-        grasp_degrees: Mean absolute error of the grasp's joints; None if refused.
-        place_degrees: Mean absolute error of the place's joints; None if refused.
+        grasp_degrees: Mean absolute error of the grasp's turning joints; None if refused.
+        place_degrees: Mean absolute error of the place's turning joints; None if refused.
         milliseconds: Time that the policy took to answer.
     """
 
@@ -267,13 +268,12 @@ def _episode(
 def _disturbed(
     robot: Robot, answer: Answer | ThesisAnswer, config: PolicyEvaluation, index: int
 ) -> Float[np.ndarray, " k"]:
-    """The answer's values with an error of each joint, within the joints' limits."""
+    """The answer's values with an error of each turning joint, within the joints' limits."""
     targets = np.array(answer.targets, dtype=float)
     noise = np.radians(config.joint_noise) * generator(
         config.seed, "joint noise", index
     ).standard_normal(len(targets))
-    count = len(robot.joint_names)
-    noise[[count, -1]] = 0.0
+    noise[~np.r_[robot.turning, False, robot.turning, False]] = 0.0
     low, high = robot.joint_limits.T
     limits = [
         np.r_[limit, value, limit, value] for limit, value in ((low, -np.inf), (high, np.inf))
@@ -285,13 +285,16 @@ def _disturbed(
 def joint_errors(robot: Robot, given: np.ndarray, wanted: np.ndarray) -> tuple[float, float, float]:
     """Mean squared error of the scaled targets, mean joint error in degrees of grasp and place.
 
+    The degrees are over the joints that turn; 0 where all slide.
+
     References:
         Thesis, equation 4.2 (scaling) and table 7.4.
     """
     squared = float(np.mean((robot.scale(given) - robot.scale(wanted)) ** 2))
     degrees = np.degrees(np.abs(given - wanted))
-    middle = len(wanted) // 2
-    return squared, float(degrees[: middle - 1].mean()), float(degrees[middle:-1].mean())
+    grasp, place = (half[:-1][robot.turning] for half in np.split(degrees, 2))
+    turns = max(1, int(robot.turning.sum()))
+    return squared, float(grasp.sum() / turns), float(place.sum() / turns)
 
 
 def _blame_refusal(

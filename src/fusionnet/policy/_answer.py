@@ -28,7 +28,8 @@ class Pose:
     """One posture of the arm.
 
     Attributes:
-        joint_angles: In radians, in the order of the robot's `joint_names`.
+        joint_angles: In radians, or metres for joints that slide, in the order of the robot's
+            `joint_names`.
         gripper: 1 closed, 0 open.
     """
 
@@ -197,9 +198,8 @@ def boxes_as_json(boxes: Sequence[Detection]) -> list[dict[str, Any]]:
 
 
 def pose_as_json(pose: Pose) -> dict[str, Any]:
-    """JSON values of one posture."""
+    """JSON values of one posture, in radians, or metres for joints that slide."""
     return {
-        "joint_angles_rad": [round(float(a), 5) for a in pose.joint_angles],
-        "joint_angles_deg": [round(float(np.degrees(a)), 2) for a in pose.joint_angles],
+        "joint_values": [round(float(a), 5) for a in pose.joint_angles],
         "gripper": round(pose.gripper, 4),
     }

@@ -8,7 +8,7 @@ from typing import SupportsIndex
 
 import mujoco
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from fusionnet.blocks.grid import BLOCK_SIZE, GRID, Cell
 from fusionnet.errors import DataError, InputError
@@ -223,7 +223,7 @@ class Robot:
             if not np.isfinite(value):
                 raise InputError(f"Joint {name!r} was given {value}; a finite number is needed.")
             if not low - 1e-6 <= value <= high + 1e-6:
-                given, lowest, highest = (self._with_unit(name, v) for v in (value, low, high))
+                given, lowest, highest = (self.with_unit(name, v, 2) for v in (value, low, high))
                 raise InputError(
                     f"Joint {name!r} cannot go to {given}; its limits are {lowest} to {highest}."
                 )
@@ -235,10 +235,27 @@ class Robot:
         spec = self.complete_spec()
         return frozenset(name for name in self.joint_names if spec.joint(name).type == slide)
 
-    def _with_unit(self, joint: str, value: float) -> str:
+    @cached_property
+    def turning(self) -> Bool[np.ndarray, " n"]:
+        """For each arm joint whether it turns; the others slide."""
+        return _read_only(np.array([name not in self.sliding_joints for name in self.joint_names]))
+
+    @property
+    def joint_units(self) -> list[str]:
+        """For each arm joint what its values are measured in: "rad", or "m" if it slides."""
+        return ["rad" if turns else "m" for turns in self.turning]
+
+    def with_unit(self, joint: str, value: float, digits: int = 1) -> str:
+        """A joint's value for people: in degrees, or in millimetres if it slides.
+
+        Args:
+            joint: Name of an arm joint.
+            value: In radians, or metres.
+            digits: Decimals to show.
+        """
         if joint in self.sliding_joints:
-            return f"{value * 1000:.1f} mm"
-        return f"{np.degrees(value):.2f} degrees"
+            return f"{value * 1000:.{digits}f} mm"
+        return f"{np.degrees(value):.{digits}f}\N{DEGREE SIGN}"
 
     def _limits_like(
         self, values: Float[np.ndarray, "... k"]
