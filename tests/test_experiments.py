@@ -10,12 +10,15 @@ import time
 from collections import Counter
 from pathlib import Path
 
+import numpy as np
 import optuna
 import pytest
 import torch
 
 from fusionnet import experiments
 from fusionnet.apps.cli import main
+from fusionnet.blocks import plan as planned
+from fusionnet.corpora import load_corpus
 from fusionnet.errors import CheckpointError, DataError, InputError, UnknownNameError
 from fusionnet.experiments import (
     Outcome,
@@ -23,6 +26,7 @@ from fusionnet.experiments import (
     Trial,
     Variant,
     _thesis_fusion,
+    ablation,
     conflict,
     final_model,
     judge,
@@ -34,6 +38,7 @@ from fusionnet.experiments import (
 )
 from fusionnet.experiments._fusion import fusion_config, train_fusion
 from fusionnet.experiments._locks import Lock, alone
+from fusionnet.experiments._pointing_task import CELLS, PointingSet
 from fusionnet.files import write_whole
 from fusionnet.report.chapters import chapter
 from fusionnet.report.tables import notes
@@ -353,6 +358,28 @@ def test_a_state_is_not_resumed_under_other_settings_nor_kept_where_it_is_not_wa
 def test_no_seeds_are_refused():
     with pytest.raises(InputError, match="At least one seed"):
         Plan(seeds=0)
+
+
+def test_a_block_that_falls_into_its_cell_counts_though_it_was_placed_too_high():
+    command = load_corpus("examples").commands[0]
+    move = planned(command.tree, command.scene.before)
+    high = move.target._replace(z=move.target.z + 1)
+    source, target, higher = np.searchsorted(
+        CELLS, [c.index for c in (move.source, move.target, high)]
+    )
+    tested = PointingSet(
+        commands=(command,),
+        pictures=np.zeros((1, 1, 1, 3), np.uint8),
+        pixels=np.zeros((len(CELLS), 1, 2)),
+        cells=np.zeros((1, len(CELLS)), int),
+        source=np.array([source]),
+        target=np.array([target]),
+        sentences=[],
+        trees=[],
+    )
+    acted = ablation._acted(tested, np.array([[source, higher]]))
+    assert acted["executed_success"] == acted["grasp_right"] == 1.0
+    assert acted["cells_right"] == acted["place_right"] == 0.0 < acted["joint_error_degrees"]
 
 
 @pytest.mark.parametrize("name", experiments.names())

@@ -103,6 +103,19 @@ def test_the_answer_shows_several_metrics(run):
     assert draw_answer(run, [("error", "error"), ("nothing", "")]).startswith("<svg")
 
 
+def test_a_network_without_a_metric_has_no_panel_of_it(run):
+    records = []
+    for record in run.records:
+        pointing = record.variant.name == "x2"
+        values = {"network": "pointing" if pointing else "other"}
+        variant = dataclasses.replace(record.variant, values=record.variant.values | values)
+        metrics = record.metrics | ({"more": 1.0} if pointing else {})
+        records.append(dataclasses.replace(record, variant=variant, metrics=metrics))
+    some = dataclasses.replace(run, records=tuple(records))
+    drawn = draw_answer(some, [("error", "error"), ("more", "share that is right")])
+    assert drawn.count("share that is right") == 1
+
+
 def test_what_was_not_run_says_how_to_run_it(tmp_path, capsys):
     missing = chapter(toy(), tmp_path)
     assert "fusionnet reproduce toy" in reading(missing)

@@ -166,10 +166,10 @@ def _point(trial: Trial) -> Outcome:
 
 
 def _acted(tested: PointingSet, cells: np.ndarray) -> dict[str, Any]:
-    """What comes of pointing: commands with both cells right are done in the simulator.
+    """What comes of pointing: how often the cells are right, and the simulated arm succeeds.
 
-    The others are failures that need no simulation: another cell's block moves, or the block
-    comes to rest in another cell.
+    A block whose place cell is a level too high may fall into the right one: more succeed than
+    have both cells right.
     """
     robot = robots.load("nico")
     table = robot.joint_table.reshape(GRID**3, -1)[CELLS]
@@ -179,8 +179,7 @@ def _acted(tested: PointingSet, cells: np.ndarray) -> dict[str, Any]:
     for row, command in enumerate(tested.commands):
         grasp, place = table[cells[row, 0]], table[cells[row, 1]]
         targets = np.concatenate([grasp, [0.0], place, [0.0]])
-        if right[row]:
-            reached += act(robot, command, targets).success
+        reached += act(robot, command, targets).success
         wanted = np.concatenate([table[true[row, 0]], [0.0], table[true[row, 1]], [0.0]])
         errors.append(joint_errors(robot, targets, wanted)[1:])
     grasp_error, place_error = np.mean(errors, axis=0)
@@ -265,22 +264,24 @@ EXPERIMENT = Experiment(
         Claim(
             better="pointing-both",
             worse="pointing-none",
-            metric="executed_success",
-            says="In the network that points, occupancy and tree land more blocks than neither.",
+            metric="cells_right",
+            says="In the network that points, both cells are right more often with occupancy and "
+            "tree than with neither.",
             source="ours",
         ),
         Claim(
             better="pointing-occupancy",
             worse="pointing-none",
-            metric="executed_success",
-            says="In the network that points, the occupancy alone lands more blocks.",
+            metric="cells_right",
+            says="In the network that points, both cells are right more often with the occupancy "
+            "alone.",
             source="ours",
         ),
         Claim(
             better="pointing-tree",
             worse="pointing-none",
-            metric="executed_success",
-            says="In the network that points, the tree alone lands more blocks.",
+            metric="cells_right",
+            says="In the network that points, both cells are right more often with the tree alone.",
             source="ours",
         ),
     ),
@@ -291,16 +292,18 @@ EXPERIMENT = Experiment(
             y_label="MSE of the scaled joints, true tree given",
         ),
         Figure(
-            metric="executed_success",
-            title="executed success",
-            y_label="executed success, share of commands",
+            metric="cells_right",
+            title="both cells right (network that points)",
+            y_label="grasp and place cell both right, share of commands",
         ),
     ),
     caution="The thesis's network is compared by the mean squared error with the true tree given "
     "to its decoder, as in the thesis; success and degrees are of its own two stages, in which a "
     "network that never learnt to write trees reads what it wrote by chance. It adds what it sees "
-    "to what it is told, so none of its variants can land blocks by choosing among them. The "
-    "network that points is another, on a simpler task: compare it with itself only. A run of it "
-    "that is asked for a tree and never learns to write one (target_exact) lands fewer blocks than "
-    "one that was not asked; over few seeds that makes the interval wide.",
+    "to what it is told, so none of its variants can land blocks by choosing among them "
+    "(executed success 0). The network that points is another, on a simpler task: compare it with "
+    "itself only. A run of it that is asked for a tree and never learns to write one "
+    "(target_exact) gets fewer cells right than one that was not asked; over few seeds that makes "
+    "the interval wide. In its runs of commits 600554336de4 and cccd0bb22dc5 the arm did only the "
+    "commands with both cells right; all of them succeeded.",
 )

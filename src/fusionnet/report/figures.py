@@ -67,6 +67,9 @@ def draw_answer(chapter: Chapter, metrics: Sequence[tuple[str, str]]) -> str:
             by_name = {s.variant.name: s for s in found}
             rows = [by_name[name] for name in names if name in by_name]
             places = [names.index(s.variant.name) for s in rows]
+            if not rows:  # a metric of other networks alone
+                axes.set_axis_off()
+                continue
             _rows(axes, [chapter.variants[name] for name in names])
             _bars_of_ours(axes, rows, places, COLORS[column])
             axes.tick_params(axis="y", labelsize=8)

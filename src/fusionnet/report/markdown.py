@@ -21,7 +21,7 @@ def markdown_page(chapters: Sequence[Chapter], images: str) -> tuple[str, dict[s
     lead = answer_chapter(chapters)
     if lead is not None:
         figures["answer.svg"] = draw_answer(lead, ANSWER)
-        lines += [f"![Success and error with each representation]({images}/answer.svg)", ""]
+        lines += [f"![Error and cells right with each representation]({images}/answer.svg)", ""]
     if chance := multiplicity(chapters):
         lines += [chance, ""]
     for chapter in chapters:
