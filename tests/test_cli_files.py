@@ -13,7 +13,9 @@ import pytest
 from PIL import Image
 
 from fusionnet.apps.output_folder import RESULT_FILE, RESULT_KIND, check_writable, written_whole
+from fusionnet.apps.views import RoomsConfig, rooms
 from fusionnet.errors import InputError, OutputError
+from fusionnet.files import check_file, write_whole
 from fusionnet.views.picture_file import read_picture
 
 
@@ -158,6 +160,29 @@ def test_unwritable_places_are_refused_in_one_line(out) -> None:
     with pytest.raises(OutputError) as refusal:
         check_writable(Path(out))
     assert "\n" not in str(refusal.value) and out in str(refusal.value)
+
+
+@pytest.mark.parametrize("out", [".", "", "..", "folder", "file/page.html"])
+def test_a_folder_is_no_file_to_write(out, tmp_path, monkeypatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("folder").mkdir()
+    Path("file").write_text("mine")
+    with pytest.raises(OutputError, match="is a folder; name a file|Cannot write"):
+        write_whole(Path(out), "text")
+    with pytest.raises(OutputError, match="is a folder; name a file|has to be a folder"):
+        check_file(Path(out))
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["file", "folder"]
+
+
+def test_views_of_rooms_may_fill_the_folder_one_is_in(tmp_path, monkeypatch) -> None:
+    def stop(folder: Path, *_, **__) -> None:
+        raise InputError(str(folder))
+
+    (tmp_path / "rooms").mkdir()
+    monkeypatch.chdir(tmp_path / "rooms")
+    monkeypatch.setattr("fusionnet.apps.views.photograph_rooms", stop)
+    with pytest.raises(InputError, match="rooms-photographs"):
+        rooms(RoomsConfig(out=Path()))
 
 
 def test_no_warning_escapes_from_a_large_picture(tmp_path) -> None:

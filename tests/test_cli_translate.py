@@ -62,7 +62,7 @@ def test_attention_is_drawn_with_the_words_down_and_the_symbols_across(capsys, t
     aside = tmp_path / "file" / "attention.png"
     aside.parent.write_text("")
     assert cli.main(["translate", "grab the yellow pyramid", "--attention", str(aside)]) == 2
-    assert "Cannot write" in capsys.readouterr().err
+    assert "file is a file" in capsys.readouterr().err
 
 
 def test_a_scene_says_what_would_happen(capsys, tmp_path) -> None:
@@ -121,7 +121,7 @@ def test_standard_input_may_hold_any_bytes_and_speak_of_a_scene(capsys, monkeypa
         (["pick up the cube", "--checkpoint", "nowhere"], "No checkpoint"),
         (["pick up the cube", "--picture", "tree.bmp"], ".png or .svg"),
         (["pick up the cube", "--attention", "map"], ".png or .svg"),
-        (["pick up the cube", "--picture", "/dev/null/tree.png"], "Cannot write"),
+        (["pick up the cube", "--picture", "/dev/null/tree.png"], "/dev/null is a file"),
     ],
 )
 def test_bad_input_gets_one_line_and_status_two(words, reason, capsys) -> None:

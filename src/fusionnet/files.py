@@ -16,8 +16,9 @@ def write_whole(file: Path, content: str | bytes) -> None:
     Raises:
         OutputError: If it cannot be written; what was there before is still there.
     """
-    aside = file.with_name(f".{file.name}.{os.getpid()}.part")
     try:
+        _check_name(file)
+        aside = file.with_name(f".{file.name}.{os.getpid()}.part")
         file.parent.mkdir(parents=True, exist_ok=True)
         try:
             aside.write_bytes(content.encode() if isinstance(content, str) else content)
@@ -26,6 +27,21 @@ def write_whole(file: Path, content: str | bytes) -> None:
             aside.unlink(missing_ok=True)
     except OSError as error:
         raise OutputError(f"Cannot write {file}: {error.strerror or error}.") from error
+
+
+def check_file(file: Path) -> None:
+    """Fail before any work is done, if `file` could not be written.
+
+    Raises:
+        OutputError: If it is a folder, or its folder cannot be one or may not be written.
+    """
+    _check_name(file)
+    check_folder(file.parent)
+
+
+def _check_name(file: Path) -> None:
+    if not file.name or file.is_dir():
+        raise OutputError(f"{file} is a folder; name a file in it.")
 
 
 def check_folder(folder: Path) -> None:

@@ -22,7 +22,7 @@ from fusionnet.dataset.plan import BuildPlan
 from fusionnet.dataset.reader import StoredSamples
 from fusionnet.dataset.sources import Sources
 from fusionnet.errors import InputError
-from fusionnet.files import write_whole
+from fusionnet.files import check_file, write_whole
 from fusionnet.randomness import generator
 
 Folder = tyro.conf.Positional[Path]
@@ -179,6 +179,7 @@ def show(config: ShowConfig) -> None:
     """Draw some samples with their boxes and sentences on one contact sheet."""
     if config.samples < 1 or config.samples > 400:
         raise InputError(f"A sheet has 1 to 400 samples; received {config.samples}.")
+    check_file(config.out)
     samples = StoredSamples(config.folder, config.split)
     rng = generator(config.seed, "contact sheet", config.split)
     drawn = sorted(rng.permutation(len(samples))[: config.samples].tolist())

@@ -12,14 +12,13 @@ from rich.table import Table
 
 from fusionnet.apps.gallery import Gallery
 from fusionnet.apps.progress import bars
-from fusionnet.errors import InputError
 from fusionnet.evaluation.detection import DetectionEvaluation
 from fusionnet.evaluation.detection import evaluate as evaluate_detection
 from fusionnet.evaluation.policy import PolicyEvaluation
 from fusionnet.evaluation.policy import evaluate as evaluate_policy
 from fusionnet.evaluation.translation import TranslationEvaluation
 from fusionnet.evaluation.translation import evaluate as evaluate_translation
-from fusionnet.files import write_whole
+from fusionnet.files import check_file, write_whole
 from fusionnet.provenance import provenance
 
 
@@ -62,8 +61,8 @@ def policy(config: PolicyConfig) -> None:
     Failures are counted by what is to blame: read wrong, saw wrong, pointed wrong, slipped.
     """
     gallery = Gallery()
-    if config.gallery is not None and config.gallery.is_dir():  # fail before any work is done
-        raise InputError(f"{config.gallery} is a folder; name a page, for example failures.html.")
+    if config.gallery is not None:
+        check_file(config.gallery)
     with bars() as bar:
         report = evaluate_policy(config.what, progress=bar("episodes"), watch=gallery)
     if config.gallery is not None:

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-from fusionnet.files import write_whole
+from fusionnet.files import check_file, write_whole
 from fusionnet.report import gather, html_page, markdown_page
 
 
@@ -21,6 +21,9 @@ class ReportConfig:
 
 def report(config: ReportConfig) -> None:
     """Draw every experiment that has been run beside the thesis's figures and numbers."""
+    check_file(config.out)
+    if config.markdown is not None:
+        check_file(config.markdown)
     chapters = gather(config.results)
     write_whole(config.out, html_page(chapters))
     if config.markdown is not None:

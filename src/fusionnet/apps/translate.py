@@ -24,6 +24,7 @@ from fusionnet.apps.tree_drawing import draw_tree
 from fusionnet.apps.tree_text import tree_text
 from fusionnet.blocks import Layout
 from fusionnet.errors import InputError, NotUnderstoodError, PlanningError
+from fusionnet.files import check_file
 from fusionnet.models.grounded_reading import GroundedReading, grounded
 from fusionnet.models.reading import Reading
 from fusionnet.models.sentence_reader import SentenceReader
@@ -87,8 +88,10 @@ def translate(config: TranslateConfig) -> int:
     the reasons to standard error. With a scene, the reading that fits it is taken.
     """
     for file in (config.picture, config.attention):
-        if file is not None and file.suffix not in (".png", ".svg"):
-            raise InputError(f"A picture is a .png or .svg file, not {file.name!r}.")
+        if file is not None:
+            if file.suffix not in (".png", ".svg"):
+                raise InputError(f"A picture is a .png or .svg file, not {str(file)!r}.")
+            check_file(file)
     layout = _layout(config)
     translator = load_translator(config.checkpoint)
     if config.sentence is None:

@@ -11,7 +11,7 @@ from PIL import Image
 
 from fusionnet.apps.progress import Bar, bars
 from fusionnet.errors import InputError
-from fusionnet.files import check_new_folder, folder_whole, write_whole
+from fusionnet.files import check_file, check_new_folder, folder_whole, write_whole
 from fusionnet.views.backdrops import Backdrops
 from fusionnet.views.calibration import Calibration
 from fusionnet.views.calibration import calibrate as calibrate_all
@@ -156,7 +156,8 @@ def rooms(config: RoomsConfig) -> dict[str, Any]:
     Prints how far the calibration is from the truth as JSON.
     """
     check_new_folder(config.out)
-    photographs = config.photographs or config.out.with_name(f"{config.out.name}-photographs")
+    out = config.out.resolve()
+    photographs = config.photographs or out.with_name(f"{out.name}-photographs")
     with bars() as bar:
         folders = photograph_rooms(
             photographs, config.images, config.size, config.seed, progress=bar("photographs")
@@ -195,6 +196,7 @@ def show(config: ShowConfig) -> None:
     """Draw views with the mesh of the grasping region (thesis figure 3.3)."""
     if not 0 <= config.levels <= 8:
         raise InputError(f"The region has 0 to 8 levels; received {config.levels}.")
+    check_file(config.out)
     picture = io.BytesIO()
     Image.fromarray(mesh_sheet(load_views(config.views), config.levels)).save(picture, "PNG")
     write_whole(config.out, picture.getvalue())
