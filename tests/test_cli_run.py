@@ -228,6 +228,9 @@ BAD_INPUTS = {
     "two worlds": lambda t: [SENTENCE, "--scene", "1", "--layout", layout_in(t)],
     "unknown scene": lambda t: [SENTENCE, "--scene", "1000"],
     "which scene": lambda t: [SENTENCE, "--corpus", "treebank"],
+    "corpus without a scene": lambda t: [
+        SENTENCE, "--corpus", "treebonk", "--data", "here", "--seed", "3"
+    ],
     "unknown corpus": lambda t: [SENTENCE, "--scene", "1", "--corpus", "treebonk"],
     "corpus without data": lambda t: [SENTENCE, "--scene", "1", "--corpus", "treebank"],
     "corpus elsewhere": lambda t: [

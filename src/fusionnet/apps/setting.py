@@ -35,7 +35,8 @@ def setting_of(
     """The world that the options name.
 
     Raises:
-        InputError: If they name two worlds, or a layout that cannot be.
+        InputError: If they name two worlds, a corpus without a scene of it, or a layout that
+            cannot be.
         UnknownNameError: If there is no such scene or corpus.
         DataError: If the corpus's files are missing or damaged.
     """
@@ -43,16 +44,14 @@ def setting_of(
     given = [option for option, value in named.items() if value is not None]
     if len(given) > 1:
         raise InputError(f"{' and '.join(given)} name two worlds; give one of them.")
+    check_scene_named(scene, corpus, data)
     if image is not None:
         return Setting(f"picture {image.name}")
     if layout is not None:
         return Setting(f"layout {layout.name}", read_layout(layout))
     if scene is None and seed is not None:
         return Setting(f"random, seed {seed}")
-    if scene is None:
-        if corpus != "examples":
-            raise InputError(f"Which scene of the corpus {corpus!r}? Give --scene N.")
-        scene = 1
+    scene = 1 if scene is None else scene
     loaded = load_corpus(corpus, data)
     if scene not in loaded.scenes:
         known = sorted(loaded.scenes)
@@ -62,3 +61,17 @@ def setting_of(
         )
     recorded = tuple(c for c in loaded.commands if c.scene.id == scene)
     return Setting(f"{scene} of {corpus}", loaded.scenes[scene].before, recorded)
+
+
+def check_scene_named(scene: int | None, corpus: str, data: Path | None) -> None:
+    """Refuse a corpus of which no scene is asked for.
+
+    Raises:
+        InputError: If there is no scene, but another corpus than the default or a folder of one.
+    """
+    named = {f"--corpus {corpus}": corpus != "examples", f"--data {data}": data is not None}
+    options = " and ".join(option for option, is_named in named.items() if is_named)
+    if scene is None and options:
+        raise InputError(
+            f"Without a scene {options} would do nothing; add --scene N, or leave {options} out."
+        )

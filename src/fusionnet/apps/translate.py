@@ -19,7 +19,7 @@ from rich.text import Text
 from fusionnet import rcl
 from fusionnet.apps.attention_drawing import draw_attention
 from fusionnet.apps.cli import EXIT_MISSED, EXIT_REACHED
-from fusionnet.apps.setting import setting_of
+from fusionnet.apps.setting import check_scene_named, setting_of
 from fusionnet.apps.tree_drawing import draw_tree
 from fusionnet.apps.tree_text import tree_text
 from fusionnet.blocks import Layout
@@ -92,6 +92,7 @@ def translate(config: TranslateConfig) -> int:
             if file.suffix not in (".png", ".svg"):
                 raise InputError(f"A picture is a .png or .svg file, not {str(file)!r}.")
             check_file(file)
+    _check_one_sentence(config)
     layout = _layout(config)
     translator = load_translator(config.checkpoint)
     if config.sentence is None:
@@ -117,7 +118,23 @@ def translate(config: TranslateConfig) -> int:
     return EXIT_REACHED if reason is None else EXIT_MISSED
 
 
+def _check_one_sentence(config: TranslateConfig) -> None:
+    """Refuse what is for one sentence where standard input is read."""
+    named = {
+        "--picture": config.picture is not None,
+        "--attention": config.attention is not None,
+        "--count": config.count != TranslateConfig.count,
+    }
+    options = " and ".join(option for option, is_named in named.items() if is_named)
+    if config.sentence is None and options:
+        raise InputError(
+            f"{options} can be had of one sentence only, not of standard input; give the sentence, "
+            f"or leave {options} out."
+        )
+
+
 def _layout(config: TranslateConfig) -> Layout | None:
+    check_scene_named(config.scene, config.corpus, config.data)
     if config.scene is None and config.layout is None:
         return None
     return setting_of(
