@@ -230,6 +230,9 @@ class TestServo:
         assert servo.step(still)[3] is True
         with pytest.raises(InputError, match="l_wrist_x"):
             servo.step(still + [0, 0, 0, 0, 0, 9.0, 0])
+        for bad in (np.r_[still[:-1], np.nan], still[:-1], np.r_[still, 0.0], np.zeros(0)):
+            with pytest.raises(InputError, match="An action is 7 finite numbers, l_shoulder_z"):
+                servo.step(bad)
 
 
 def test_a_crashed_worker_is_reported_and_the_others_results_are_kept():

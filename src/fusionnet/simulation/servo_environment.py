@@ -7,6 +7,7 @@ import numpy as np
 from gymnasium import spaces
 from jaxtyping import Float
 
+from fusionnet.errors import InputError
 from fusionnet.simulation.environment import PickPlace
 
 RATE = 20
@@ -70,6 +71,11 @@ class PickPlaceServo(PickPlace):
         if self._world is None or self._command is None or self._expected is None:
             raise gymnasium.error.ResetNeeded("Call reset before step.")
         values = np.asarray(action, dtype=float)
+        if values.shape != self.action_space.shape or not np.isfinite(values).all():
+            raise InputError(
+                f"An action is {len(self.robot.joint_names) + 1} finite numbers, "
+                f"{', '.join(self.robot.joint_names)} and the gripper; received {values.tolist()}."
+            )
         self._world.drive(values[:-1], bool(values[-1] >= 0.5), 1.0 / RATE)
         self._steps += 1
         wrong = self._world.differences(self._expected)
