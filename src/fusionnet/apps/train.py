@@ -90,7 +90,7 @@ FUSION_PRESETS = {
 def policy(config: PolicyConfig) -> dict[str, Any]:
     """Train a whole policy: pictures, both eyes' detectors, translator and FusionNet.
 
-    Two and a half hours, mostly of one core. A run that was stopped goes on where its `--work`
+    About five hours, mostly of one core. A run that was stopped goes on where its `--work`
     folder says. Prints the metrics of every part as JSON; `fusionnet run --checkpoint OUT` moves
     by it.
     """
