@@ -31,6 +31,12 @@ def data_folder() -> Path:
     return folder
 
 
+@pytest.fixture(autouse=True)
+def no_data_by_default(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Commands find only the data that a test gives them, on every machine alike."""
+    monkeypatch.delenv("FUSIONNET_DATA", raising=False)
+
+
 @pytest.fixture
 def golden(request: pytest.FixtureRequest):
     """Compare a text with `tests/golden/NAME`, or rewrite it under `--update-golden`.

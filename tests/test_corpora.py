@@ -4,10 +4,13 @@ from dataclasses import replace
 
 import pytest
 
+from fusionnet.apps import doctor
+from fusionnet.apps.cli import main
 from fusionnet.blocks import Layout, Scene, apply, plan, validate
 from fusionnet.corpora import CATALOGUE, Command, Corpus, discard, load_corpus, part_of
 from fusionnet.errors import DataError, PlanningError, UnknownNameError
 from fusionnet.rcl import Leaf, format, parse
+from tiny_treebank import write_tiny_treebank
 
 
 @pytest.fixture(scope="module")
@@ -230,6 +233,17 @@ def test_discarding_by_the_rules_of_the_thesis():
         "tree cannot be executed in its scene": 1,
         "tree leads to another layout": 1,
     }
+
+
+def test_the_environment_may_name_the_data_of_all_commands(tmp_path, monkeypatch, capsys):
+    write_tiny_treebank(tmp_path / "treebank")
+    for named, found in ((tmp_path, True), (tmp_path / "treebank", True), (tmp_path.parent, False)):
+        monkeypatch.setenv("FUSIONNET_DATA", str(named))
+        assert doctor._treebank().found == f"{'found in' if found else 'not in'} {named}"
+        assert main(["corpus", "stats", "--corpus", "treebank"]) == (0 if found else 2)
+    assert len(load_corpus("treebank", tmp_path).commands) == 40
+    monkeypatch.setenv("FUSIONNET_DATA", "")
+    assert doctor._treebank().found.startswith("not named")
 
 
 def test_the_treebank_is_not_in_the_package():

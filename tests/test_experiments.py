@@ -129,7 +129,6 @@ def test_an_unknown_experiment_lists_what_there_is(capsys):
 
 
 def test_missing_data_or_weights_name_the_command(tmp_path, capsys, monkeypatch):
-    monkeypatch.delenv("FUSIONNET_DATA", raising=False)
     monkeypatch.chdir(tmp_path)
     assert main(["reproduce", "data_amount", "--scale", "small", "--seeds", "1"]) == 2
     said = capsys.readouterr().err

@@ -161,10 +161,12 @@ def _weights() -> Check:
 
 def _treebank() -> Check:
     """Whether the treebank is where the environment says; nothing needs it to run."""
-    named = os.environ.get("FUSIONNET_DATA")
+    from fusionnet.corpora import named_data
+
+    named = named_data()
     if named is None:
         return Check("treebank", None, "not named (optional; FUSIONNET_DATA or --data DIR)")
-    there = (Path(named) / "treebank").is_dir()
+    there = any((named / place / "commands.txt").is_file() for place in ("treebank", "."))
     return Check("treebank", None, f"{'found in' if there else 'not in'} {named}")
 
 

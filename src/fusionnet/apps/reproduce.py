@@ -1,8 +1,6 @@
 """`fusionnet reproduce NAME`: run the experiments of the thesis, and ours."""
 
-import os
 from dataclasses import dataclass, field, replace
-from pathlib import Path
 
 import tyro
 from rich.console import Console
@@ -10,6 +8,7 @@ from rich.table import Table
 
 from fusionnet import experiments
 from fusionnet.apps.progress import bars
+from fusionnet.corpora import named_data
 from fusionnet.errors import DataError, InputError
 from fusionnet.experiments import Experiment, Plan, Record, judge, of_one_setup, summaries
 
@@ -42,8 +41,8 @@ def reproduce(config: ReproduceConfig) -> None:
         console.print(_contents())
         return
     plan = config.plan
-    if plan.data is None and (named := os.environ.get("FUSIONNET_DATA")):
-        plan = replace(plan, data=Path(named))
+    if plan.data is None and (named := named_data()):
+        plan = replace(plan, data=named)
     if config.name != "all":
         _one(experiments.load(config.name), plan, console)
         return

@@ -5,6 +5,7 @@ One file a corpus, which offers `CORPUS`: a function from the folder of the data
 clause for model cards. Files that begin with an underscore are no corpora.
 """
 
+import os
 from pathlib import Path
 
 from fusionnet.catalogue import Catalogue
@@ -17,12 +18,19 @@ CATALOGUE = Catalogue("fusionnet.corpora", kind="corpus", attribute="CORPUS")
 TERMS = Catalogue("fusionnet.corpora", kind="corpus", attribute="TERMS")
 
 
+def named_data() -> Path | None:
+    """The folder of corpora that the variable FUSIONNET_DATA names; None without it."""
+    named = os.environ.get("FUSIONNET_DATA")
+    return Path(named) if named else None
+
+
 def load_corpus(name: str, data: Path | str | None = None, *, skip_bad: bool = False) -> Corpus:
     """Read the corpus called `name`.
 
     Args:
         name: A name in the catalogue: "examples", "synthetic", "treebank" or "etr".
-        data: Folder of its files, for a corpus that is not part of this package.
+        data: Folder of its files, for a corpus that is not part of this package; the one that
+            FUSIONNET_DATA names by default.
         skip_bad: Leave unreadable records out instead of refusing the whole.
 
     Raises:
@@ -30,7 +38,8 @@ def load_corpus(name: str, data: Path | str | None = None, *, skip_bad: bool = F
         DataError: If its files are missing or damaged.
     """
     read = CATALOGUE.load(name)
-    corpus: Corpus = read(None if data is None else Path(data), skip_bad=skip_bad)
+    folder = named_data() if data is None else Path(data)
+    corpus: Corpus = read(folder, skip_bad=skip_bad)
     return corpus
 
 
@@ -45,6 +54,7 @@ __all__ = [
     "executable",
     "json_lines",
     "load_corpus",
+    "named_data",
     "part_of",
     "treebank_files",
 ]

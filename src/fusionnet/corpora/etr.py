@@ -48,7 +48,7 @@ def read(data: Path | None, *, skip_bad: bool = False) -> Corpus:
     if data is None:
         raise DataError(
             "The Extended Train Robots corpus is not part of this package; give the folder or "
-            f"zip that holds {', '.join(NEEDED)} (--data PATH)."
+            f"zip that holds {', '.join(NEEDED)} (--data PATH, or FUSIONNET_DATA)."
         )
     source = data / "etr" if (data / "etr").is_dir() else data
     files = read_named_files(source, (*NEEDED, COMMENTS))

@@ -62,7 +62,7 @@ def read(data: Path | None, *, skip_bad: bool = False) -> Corpus:
     if data is None:
         raise DataError(
             "The treebank is not part of this package; give the folder that holds "
-            "commands.txt, annotation.txt and configuration.txt (--data DIR)."
+            "commands.txt, annotation.txt and configuration.txt (--data DIR, or FUSIONNET_DATA)."
         )
     folder = data / "treebank" if (data / "treebank").is_dir() else data
     faults = Faults(skip_bad)
