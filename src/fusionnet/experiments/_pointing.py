@@ -163,23 +163,9 @@ class PointingNet(nn.Module):
         start = self.target.number(START)
         written = torch.full((len(said), 1), start)
         if self.tree:
-            written = self._written(memory, len(said), start)
+            written = self.transformer.write(memory, start, self.target.number(END))
             heard, mask = self.transformer.decode(memory, written), written != PADDING
         return self.point(self.look(images), heard, mask).argmax(-1), written
-
-    def _written(self, memory: Any, rows: int, start: int) -> Int[Tensor, "b s"]:
-        end = self.target.number(END)
-        token = torch.full((rows,), start)
-        cache, done = self.transformer.start(memory), torch.zeros(rows, dtype=torch.bool)
-        written = [token]
-        for _ in range(self.transformer.config.longest - 1):
-            logits, _, cache = self.transformer.step(token, cache, memory)
-            token = logits.argmax(-1)
-            done = done | (token == end)
-            if bool(done.all()):
-                break
-            written.append(torch.where(done, PADDING, token))
-        return torch.stack(written, dim=1)
 
 
 def batches(

@@ -170,19 +170,8 @@ class ThesisFusionNet(nn.Module):
     @torch.inference_mode()
     def write(self, source: Int[Tensor, "b t"]) -> Int[Tensor, "b s"]:
         """The first stage: the targets written greedily, from the first mark on (4.3.3)."""
-        memory = self.transformer.encode(source)
-        cache = self.transformer.start(memory)
-        end = self.target.number(END)
-        token = torch.full((len(source),), self.target.number(START), device=source.device)
-        written, done = [token], torch.zeros_like(token, dtype=torch.bool)
-        for _ in range(self.config.transformer.longest - 1):
-            logits, _, cache = self.transformer.step(token, cache, memory)
-            token = logits.argmax(dim=-1)
-            done = done | (token == end)
-            if bool(done.all()):
-                break
-            written.append(torch.where(done, PADDING, token))
-        return torch.stack(written, dim=1)
+        start, end = self.target.number(START), self.target.number(END)
+        return self.transformer.write(self.transformer.encode(source), start, end)
 
     @torch.inference_mode()
     def answer(self, images: UInt8[Tensor, "b h w 3"], sentences: Sequence[str]) -> TwoStageAnswer:

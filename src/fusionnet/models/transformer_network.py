@@ -164,6 +164,29 @@ class TransformerNetwork(nn.Module):
         """
         return next_token(tokens, cache)
 
+    def write(self, memory: SourceMemory, start: int, end: int) -> Int[Tensor, "b s"]:
+        """Targets written greedily.
+
+        Args:
+            memory: What is known of the sources.
+            start: Number of the first mark, with which every row begins.
+            end: Number of the last mark, which ends a row and is not in it.
+
+        Returns:
+            Rows of at most `longest` tokens, filled up with `PADDING`.
+        """
+        token = memory.features.new_full((len(memory.features),), start, dtype=torch.long)
+        cache = self.start(memory)
+        written, done = [token], torch.zeros_like(token, dtype=torch.bool)
+        for _ in range(self.config.longest - 1):
+            logits, _, cache = self.step(token, cache, memory)
+            token = logits.argmax(dim=-1)
+            done = done | (token == end)
+            if bool(done.all()):
+                break
+            written.append(torch.where(done, PADDING, token))
+        return torch.stack(written, dim=1)
+
 
 def positions(longest: int, size: int) -> Float[Tensor, "t e"]:
     """Sines and cosines of each place, of ever longer waves.
