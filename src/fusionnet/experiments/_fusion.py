@@ -3,15 +3,24 @@
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
+import numpy as np
 import torch
 from jaxtyping import Float
 from numpy import ndarray
 
+from fusionnet import robots
 from fusionnet.corpora import Command
+from fusionnet.evaluation.acting import act_all
 from fusionnet.experiments._experiment import Trial
 from fusionnet.models.fusionnet import FusionNet, compact
 from fusionnet.randomness import generator
-from fusionnet.training.fusion import LOSS_WEIGHTS, FusionBatch, FusionConfig, draw_batch
+from fusionnet.training.fusion import (
+    LOSS_WEIGHTS,
+    FusionBatch,
+    FusionConfig,
+    cells_right,
+    draw_batch,
+)
 from fusionnet.training.journal import LogLine
 from fusionnet.training.loop import LoopConfig, fit
 from fusionnet.training.optimizers import OptimizerConfig
@@ -79,6 +88,27 @@ def readings_of(
     """The commands' layouts as a reader full of doubt sees them; the same for every variant."""
     cells, held = cells_of([command.scene.before for command in commands])
     return simulated_readings(cells, held, generator(seed, "experiments", "readings"))
+
+
+def acted_on(
+    model: FusionNet, commands: Sequence[Command], seed: int, episodes: int
+) -> dict[str, float]:
+    """How often both cells are right on readings full of doubt, and what the simulated arm does.
+
+    Args:
+        model: A trained fusion part.
+        commands: All are asked for their cells, with gold trees.
+        seed: Of the readings, and of which commands the arm does.
+        episodes: How many of them.
+    """
+    occupancy, holding = readings_of(commands, seed)
+    right = cells_right(model, commands, occupancy, holding)
+    drawn = generator(seed, "episodes").permutation(len(commands))[:episodes]
+    some = [commands[i] for i in drawn]
+    readings = zip(some, occupancy[drawn], holding[drawn], strict=True)
+    targets = [model(cells, float(held), [(c.tree, 1.0)]).targets for c, cells, held in readings]
+    done = act_all(robots.load("nico"), some, np.array(targets))
+    return {"cells_right": float(right.mean()), **done}
 
 
 def curves_of(history: Sequence[LogLine]) -> dict[str, list[float]]:

@@ -5,10 +5,6 @@ seed), and the test groups' commands are done with gold trees and readings that 
 of doubt.
 """
 
-import numpy as np
-
-from fusionnet import robots
-from fusionnet.evaluation.acting import act_all
 from fusionnet.experiments._experiment import (
     Claim,
     Experiment,
@@ -18,10 +14,9 @@ from fusionnet.experiments._experiment import (
     Trial,
     Variant,
 )
-from fusionnet.experiments._fusion import curves_of, fusion_config, readings_of, train_fusion
+from fusionnet.experiments._fusion import acted_on, curves_of, fusion_config, train_fusion
 from fusionnet.experiments._sources import corpus_for
 from fusionnet.randomness import generator
-from fusionnet.training.fusion import cells_right
 
 SIZES: dict[Scale, tuple[int, ...]] = {
     "smoke": (60, 180),
@@ -47,19 +42,15 @@ def run(trial: Trial) -> Outcome:
     config = fusion_config(STEPS[trial.scale], trial.seed, BATCH[trial.scale])
     model, history = train_fusion(some, config, trial)
     test = corpus.split("test")
-    occupancy, holding = readings_of(test, trial.seed)
-    right = cells_right(model, test, occupancy, holding)
-    drawn = generator(trial.seed, "episodes").permutation(len(test))[: EPISODES[trial.scale]]
-    targets = [model(occupancy[i], float(holding[i]), [(test[i].tree, 1.0)]).targets for i in drawn]
-    done = act_all(robots.load("nico"), [test[i] for i in drawn], np.array(targets))
+    episodes = min(EPISODES[trial.scale], len(test))
     return Outcome(
-        metrics={"cells_right": float(right.mean()), **done},
+        metrics=acted_on(model, test, trial.seed, episodes),
         configuration={
             "steps": config.loop.steps,
             "batch": config.batch,
             "learnt": len(some),
             "tested": len(test),
-            "episodes": len(drawn),
+            "episodes": episodes,
             "corpus": corpus.name,
         },
         curves=curves_of(history),

@@ -7,10 +7,6 @@ thesis names homoscedastic uncertainty as future work (2.1.12, 7.5).
 
 import time
 
-import numpy as np
-
-from fusionnet import robots
-from fusionnet.evaluation.acting import act_all
 from fusionnet.experiments._experiment import (
     Claim,
     Experiment,
@@ -20,10 +16,9 @@ from fusionnet.experiments._experiment import (
     Trial,
     Variant,
 )
-from fusionnet.experiments._fusion import curves_of, fusion_config, readings_of, train_fusion
+from fusionnet.experiments._fusion import acted_on, curves_of, fusion_config, train_fusion
 from fusionnet.experiments._sources import corpus_for
-from fusionnet.randomness import generator
-from fusionnet.training.fusion import LOSS_WEIGHTS, cells_right
+from fusionnet.training.fusion import LOSS_WEIGHTS
 
 STEPS: dict[Scale, int] = {"smoke": 2, "small": 40, "thesis": 2000}
 BATCH: dict[Scale, int] = {"smoke": 4, "small": 16, "thesis": 64}
@@ -67,20 +62,16 @@ def run(trial: Trial) -> Outcome:
     began = time.process_time()
     model, history = train_fusion(learnt, config, trial)
     seconds = time.process_time() - began
-    occupancy, holding = readings_of(test, trial.seed)
-    right = cells_right(model, test, occupancy, holding)
-    drawn = generator(trial.seed, "episodes").permutation(len(test))[: EPISODES[scale]]
-    targets = [model(occupancy[i], float(holding[i]), [(test[i].tree, 1.0)]).targets for i in drawn]
-    done = act_all(robots.load("nico"), [test[i] for i in drawn], np.array(targets))
+    episodes = min(EPISODES[scale], len(test))
     return Outcome(
-        metrics={"cells_right": float(right.mean()), "training_seconds": seconds, **done},
+        metrics={**acted_on(model, test, trial.seed, episodes), "training_seconds": seconds},
         configuration={
             "steps": config.loop.steps,
             "batch": config.batch,
             "primary": config.loop.primary,
             "learnt": len(learnt),
             "tested": len(test),
-            "episodes": len(drawn),
+            "episodes": episodes,
             "corpus": corpus.name,
         },
         curves=curves_of(history),
