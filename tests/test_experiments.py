@@ -8,6 +8,7 @@ import sys
 import threading
 import time
 from collections import Counter
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -35,6 +36,7 @@ from fusionnet.experiments import (
     reproduce,
     require,
     summaries,
+    weightings,
 )
 from fusionnet.experiments._fusion import fusion_config, train_fusion
 from fusionnet.experiments._locks import Lock, alone
@@ -352,6 +354,19 @@ def test_a_state_is_not_resumed_under_other_settings_nor_kept_where_it_is_not_wa
     assert list(trial.state.rglob("*.safetensors"))
     with pytest.raises(CheckpointError, match="learning_rate"):
         train_fusion(learnt, fusion_config(2, 0, 2, save_every=1, learning_rate=0.01), trial)
+
+
+def test_a_training_whose_time_is_measured_leaves_no_state_to_resume(tmp_path, monkeypatch):
+    def stop(*_: object) -> None:
+        raise InterruptedError
+
+    monkeypatch.setattr(weightings, "acted_on", stop)
+    monkeypatch.setattr(weightings, "fusion_config", partial(fusion_config, save_every=1))
+    variant = weightings.variants("smoke")[0]
+    trial = Trial(experiment="t", variant=variant, seed=0, scale="smoke", work=tmp_path)
+    with pytest.raises(InterruptedError):
+        weightings.run(trial)
+    assert not trial.state.exists()
 
 
 def test_no_seeds_are_refused():

@@ -60,7 +60,7 @@ def run(trial: Trial) -> Outcome:
         primary=PRIMARY if values["weighting"] == "primary" else "",
     )
     began = time.process_time()
-    model, history = train_fusion(learnt, config, trial)
+    model, history = train_fusion(learnt, config, trial, resumed=False)  # all its time is measured
     seconds = time.process_time() - began
     episodes = min(EPISODES[scale], len(test))
     return Outcome(
