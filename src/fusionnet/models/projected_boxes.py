@@ -16,13 +16,11 @@ from scipy import ndimage
 from torchvision.ops import box_iou
 
 from fusionnet.blocks import BLOCK_SIZE, EMPTY, GRID, Block, Cell, Color, Shape
+from fusionnet.dataset.pictures import LEAST_PIXELS
 from fusionnet.models.heads.boxes import SCORE, Boxes
 from fusionnet.simulation.tabletop import drawn_corners, ideal_poses
 
 COLORS = len(Color)
-
-LEAST_PIXELS = 12
-"""Of the eye's picture: blocks of which less can be seen get no box, as in the data sets."""
 
 UNEXPLAINED = 0.4
 """Factor on the score of a detection that no cell explains."""
