@@ -5,7 +5,7 @@ fixed in the frame of the robot's eye; a picture of another size is first brough
 the eye's size.
 """
 
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Any
 
 import cv2
@@ -63,12 +63,8 @@ class PictureFrame:
         """Boxes of the input in pixels of the eye's picture."""
         return boxes / np.tile(self.scale, 2) + np.tile(self.crop[:2], 2)
 
-    def as_dict(self) -> dict[str, Any]:
-        """JSON values that rebuild it."""
-        return asdict(self)
-
     @classmethod
     def from_dict(cls, values: dict[str, Any]) -> "PictureFrame":
-        """The inverse of `as_dict`."""
+        """The inverse of `dataclasses.asdict`, also of what JSON makes of it."""
         whole: dict[str, Any] = {key: tuple(int(v) for v in value) for key, value in values.items()}
         return cls(**whole)

@@ -35,11 +35,6 @@ TABLE_5_1 = {"batch": 60, "dropout": 0.1, "heads": 2, "attention_size": 12}
 TABLE_5_1 |= {"feed_forward_size": 128, "longest": 200}
 """The base Transformer, apart from what this experiment or the scale sets."""
 
-TABLE_5_2 = {"epochs": 200, "model": "cbow", "negatives": 5, "negative_exponent": 5, "window": 9}
-TABLE_5_2 |= {"least": 0.75, "learning_rate": 0.025, "least_learning_rate": 0.001}
-TABLE_5_3 = {**TABLE_5_2, "model": "skip-gram"}
-"""As printed. `sentences.word_vectors` says why exponent and least frequency are exchanged."""
-
 
 def variants(scale: Scale) -> list[Variant]:
     """One a kind and size."""

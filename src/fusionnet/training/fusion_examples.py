@@ -85,13 +85,13 @@ class FusionExamples:
             pictures: Whether the picture is drawn, with its boxes, or the clean one.
         """
         sample, picture, boxes = self._read(index)
-        said = {"sentence": sample["sentence"], "tree": sample["tree"]}
+        sentence = sample["sentence"]
         if rng is not None and sentences:
             drawn = int(rng.integers(1 + len(sample["variants"])))
-            said = sample["variants"][drawn - 1] if drawn else said
+            sentence = sample["variants"][drawn - 1]["sentence"] if drawn else sentence
         if rng is not None and pictures and rng.integers(1 + NOISED_PICTURES):
             picture, boxes = moved(picture, boxes, LevelTwo(), rng)
-        source, target = self._words(said["sentence"], sample["tree"], model.config.writes)
+        source, target = self._words(sentence, sample["tree"], model.config.writes)
         longest = model.config.transformer.longest
         number = model.target.number
         return Example(

@@ -3,7 +3,7 @@
 from fusionnet.views.backdrops import Backdrops
 from fusionnet.views.drawn import drawn_view, drawn_views
 from fusionnet.views.noise import LevelOne, Look, SensorNoise, level_one
-from fusionnet.views.overlay import OverlayRenderer, shared_overlay
+from fusionnet.views.overlay import OverlayRenderer
 from fusionnet.views.transformation import LevelTwo, crop_around, cropped, transformed
 from fusionnet.views.view import EnvironmentalView, check_view
 from fusionnet.views.view_files import load_views, save_views
@@ -24,6 +24,5 @@ __all__ = [
     "level_one",
     "load_views",
     "save_views",
-    "shared_overlay",
     "transformed",
 ]

@@ -246,9 +246,3 @@ def displaced_poses(blocks: tuple[Block, ...], look: Look = _PLAIN) -> BlockPose
     count = len(blocks)
     turns = Rotation.from_euler("xyz", look.turns[:count]).as_matrix() if count else ideal.rotations
     return BlockPoses(ideal.positions + look.shifts[:count], turns, look.scales[:count])
-
-
-@lru_cache(maxsize=4)
-def shared_overlay(size: tuple[int, int] = (960, 540), robot: str = "nico") -> OverlayRenderer:
-    """One renderer a size and robot, kept for the life of the process."""
-    return OverlayRenderer(size, robot)
