@@ -155,6 +155,22 @@ def test_a_picture_has_no_truth_to_compare_with(shown, capsys) -> None:
     assert result["verdict"].startswith("Done, with nothing to compare it with")
 
 
+def test_a_picture_of_another_aspect_is_not_stretched(shown, tmp_path, capsys) -> None:
+    with Image.open(shown / "picture.png") as picture:
+        width, height = picture.size
+        square = Image.new("RGB", (width, width), (90, 90, 90))
+        square.paste(picture.convert("RGB"), (0, 0))
+    square.save(tmp_path / "square.png")
+    words = ["run", SENTENCE, "--image", str(tmp_path / "square.png"), "--json"]
+    assert height < width and main(words) == 2
+    assert "shows no board" in capsys.readouterr().err  # the eye sees the table elsewhere
+    square.crop((0, 0, int(0.9 * width), height)).save(tmp_path / "cropped.png")
+    words[3] = str(tmp_path / "cropped.png")
+    assert main(words) == 0
+    result = json.loads(capsys.readouterr().out)
+    assert result["verdict"].startswith("Done, with nothing to compare it with")
+
+
 def test_a_miss_is_status_1(monkeypatch, capsys) -> None:
     answer_as_trained = Policy.__call__
 
@@ -225,6 +241,12 @@ BAD_INPUTS = {
     "picture is missing": lambda t: [SENTENCE, "--image", str(t / "nowhere.png")],
     "picture is none": lambda t: [SENTENCE, "--image", written(t, "a.png", "hello")],
     "picture of 1x1": lambda t: [SENTENCE, "--image", written(t, "a.png", picture_of(1))],
+    "picture without a board": lambda t: [
+        SENTENCE, "--image", written(t, "a.png", picture_of(200))
+    ],
+    "picture for two eyes": lambda t: [
+        SENTENCE, "--image", written(t, "a.png", picture_of(200)), "--eyes", "both"
+    ],
     "two worlds": lambda t: [SENTENCE, "--scene", "1", "--layout", layout_in(t)],
     "unknown scene": lambda t: [SENTENCE, "--scene", "1000"],
     "which scene": lambda t: [SENTENCE, "--corpus", "treebank"],

@@ -12,6 +12,7 @@ from fusionnet.corpora import load_corpus
 from fusionnet.errors import DoubtError, InputError
 from fusionnet.evaluation.policy import PolicyEvaluation, evaluate
 from fusionnet.policy import FARTHEST, Policy, both_seen, disagreement
+from fusionnet.policy._eyes import pictures_of
 
 SENTENCE = "put the red pyramid on the blue cube"
 MOVE = Move(Cell(2, 2, 0), Cell(4, 4, 1), begins_held=False, ends_held=False)
@@ -25,6 +26,27 @@ def scene():
 @pytest.fixture(scope="module")
 def picture(scene):
     return make_world(layout=scene.before).image("left_eye")
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        np.zeros((60, 80, 3), np.float32),
+        np.zeros((60, 80, 4), np.uint8),
+        np.zeros((60, 80), np.uint8),
+        np.zeros((0, 80, 3), np.uint8),
+        [np.zeros((60, 80, 3), np.uint8), "left.png"],
+    ],
+)
+def test_what_is_no_picture_is_refused_in_one_line(wrong):
+    with pytest.raises(InputError, match=r"height x width x 3 of uint8 .*; received"):
+        pictures_of(wrong)
+
+
+def test_pictures_of_both_eyes_may_be_one_array():
+    both = np.zeros((2, 60, 80, 3), np.uint8)
+    assert [p.shape for p in pictures_of(both)] == [(60, 80, 3)] * 2
+    assert len(pictures_of(both[0])) == 1
 
 
 def test_the_check_lets_a_neighbouring_cell_pass_and_nothing_farther():

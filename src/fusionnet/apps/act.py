@@ -13,6 +13,8 @@ from fusionnet.apps.run_record import Reference, RunRecord
 from fusionnet.apps.setting import Setting
 from fusionnet.blocks import Layout, Shape, apply, plan, validate
 from fusionnet.errors import FusionNetError, InputError, NotUnderstoodError, PlanningError
+from fusionnet.models.look import seen_by_eye
+from fusionnet.models.sight import BOARD_SEEN, padded_to_aspect
 from fusionnet.policy import Answer, Policy, Servo, ThesisAnswer, ThesisPolicy
 from fusionnet.sentences import words_of
 from fusionnet.simulation import make_world
@@ -45,6 +47,7 @@ def look_and_act(
     Raises:
         NothingDoneError: If the policy refuses what the corpus knows to be possible.
         DoubtError: If the policy checks, and would rather not move.
+        InputError: If the picture shows no board.
         FusionNetError: If the sentence cannot be understood or done there.
     """
     robot, seed = policy.robot.name, config.seed or 0
@@ -63,8 +66,8 @@ def look_and_act(
             expected = _planned(answer, world.layout)
             reference = None if expected is None else "understood"
     else:
-        views = [picture]
         with timed(seconds, "answer"):
+            views = [_shown(policy, picture)]
             answer = policy(views, config.sentence)
         with timed(seconds, "world"):
             world = make_world(robot=robot, seed=seed, layout=_as_read(answer))
@@ -92,6 +95,29 @@ def look_and_act(
         reference=reference,
         seconds=seconds,
     )
+
+
+def _shown(
+    policy: Policy | ThesisPolicy, picture: UInt8[np.ndarray, "h w 3"]
+) -> UInt8[np.ndarray, "h2 w2 3"]:
+    """A person's picture in the aspect of the eye's.
+
+    Raises:
+        InputError: If it does not show a board as the eye sees it: its blocks would be invented.
+    """
+    if isinstance(policy, ThesisPolicy):
+        return picture
+    padded = padded_to_aspect(picture, policy.detector.frame.eye_size)
+    _, board = seen_by_eye(policy.detector, padded)
+    if board < BOARD_SEEN:
+        width, height = policy.detector.frame.eye_size
+        raise InputError(
+            f"The picture shows no board as the robot's left eye sees it (evidence {board:.2f}, at "
+            f"least {BOARD_SEEN} is needed), so where its blocks stand cannot be read. Give one of "
+            f"the whole board from the eye's place, {width} x {height} pixels or of that aspect; "
+            "`fusionnet detect` finds boxes in any picture."
+        )
+    return padded
 
 
 def _as_read(answer: Answer | ThesisAnswer) -> Layout:

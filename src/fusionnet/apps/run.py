@@ -12,7 +12,7 @@ import tyro
 from fusionnet.apps.cli import EXIT_MISSED
 from fusionnet.apps.output_folder import check_writable
 from fusionnet.apps.setting import setting_of
-from fusionnet.errors import DoubtError
+from fusionnet.errors import DoubtError, InputError
 from fusionnet.sentences import readable_words
 from fusionnet.views.picture_file import read_picture
 
@@ -88,6 +88,8 @@ def run(config: RunConfig) -> int:
         image=config.image,
         seed=config.seed,
     )
+    if config.image is not None and config.eyes == "both":
+        raise InputError("--image is one eye's picture; leave --eyes both out, or the picture.")
     picture = None if config.image is None else read_picture(config.image)
     if out is not None:
         check_writable(out)

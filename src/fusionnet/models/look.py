@@ -15,7 +15,7 @@ from fusionnet.blocks import Layout
 from fusionnet.blocks.voting import likely_layout
 from fusionnet.models.labelled_boxes import Boxes
 from fusionnet.models.retinanet import RetinaNet
-from fusionnet.models.sight import BOARD_SEEN, board_evidence, padded_to_aspect
+from fusionnet.models.sight import BOARD_SEEN, Sight, board_evidence, padded_to_aspect
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -53,10 +53,8 @@ def look(
     if not model.config.reads_layouts:
         return Look(boxes=elsewhere.detect(image))
     whole = padded_to_aspect(image, model.frame.eye_size)
-    eye = cv2.resize(whole, model.frame.eye_size, interpolation=cv2.INTER_AREA)
-    sight = model.see(eye)
+    sight, board = seen_by_eye(model, whole)
     scale = np.array([whole.shape[1], whole.shape[0]]) / model.frame.eye_size
-    board = board_evidence(eye, sight.corners)
     if board < BOARD_SEEN:
         return Look(boxes=elsewhere.detect(image), board=board)
     boxes = _within(sight.boxes, scale, (image.shape[1], image.shape[0]))
@@ -70,6 +68,18 @@ def look(
         ),
         holding=sight.holding,
     )
+
+
+def seen_by_eye(model: RetinaNet, picture: UInt8[np.ndarray, "h w 3"]) -> tuple[Sight, float]:
+    """What an eye's detector reads, and how clearly a board lies where it says (`BOARD_SEEN`).
+
+    Args:
+        model: Detector that reads layouts.
+        picture: In the aspect of the eye's, of any size (`padded_to_aspect`).
+    """
+    eye = cv2.resize(picture, model.frame.eye_size, interpolation=cv2.INTER_AREA)
+    sight = model.see(eye)
+    return sight, board_evidence(eye, sight.corners)
 
 
 def _within(boxes: Boxes, scale: Float[np.ndarray, "2"], size: tuple[int, int]) -> Boxes:

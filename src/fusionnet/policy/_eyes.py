@@ -4,9 +4,12 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, UInt8
 
+from fusionnet.errors import InputError
 from fusionnet.models.retinanet import Sight
+
+Picture = UInt8[np.ndarray, "h w 3"]
 
 EYE_WEIGHT = 0.5
 """Exponent on each of two eyes' probabilities: at 1/2 they are averaged, at 1 they count as
@@ -14,6 +17,24 @@ independent witnesses. 1/2 fits validation groups best: a layout's cells have a 
 2.53 nats, with 3/4 of 3.03 (mean of five seeds of the experiment `eyes`)."""
 
 _LEAST = 1e-6
+
+
+def pictures_of(given: np.ndarray | Sequence[np.ndarray]) -> list[Picture]:
+    """One picture, or one of each eye, as a list.
+
+    Raises:
+        InputError: If something is no picture of 8 bits a colour.
+    """
+    alone = isinstance(given, np.ndarray) and given.ndim < 4
+    pictures = [given] if alone else list(given)
+    for picture in pictures:
+        shape, kind = np.shape(picture), getattr(picture, "dtype", type(picture).__name__)
+        if kind != np.uint8 or len(shape) != 3 or shape[2] != 3 or not all(shape):
+            raise InputError(
+                "A picture is an array of height x width x 3 of uint8 (red, green, blue, 0 to "
+                f"255); received {' x '.join(map(str, shape)) or 'no array'} of {kind}."
+            )
+    return pictures
 
 
 def both_seen(sights: Sequence[Sight], weight: float = EYE_WEIGHT) -> Sight:

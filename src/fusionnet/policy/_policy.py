@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Literal, get_args
 
 import numpy as np
-from jaxtyping import Float, UInt8
+from jaxtyping import Float
 
 from fusionnet.blocks import Cell, Move
 from fusionnet.blocks.voting import Vote, likely_layout, vote
@@ -30,7 +30,7 @@ from fusionnet.models.translator import Reading, Translator
 from fusionnet.policy._answer import Answer, Pose, as_detections
 from fusionnet.policy._attention import attentions
 from fusionnet.policy._check import refuse_doubtful
-from fusionnet.policy._eyes import both_seen
+from fusionnet.policy._eyes import Picture, both_seen, pictures_of
 from fusionnet.policy._placing import with_boxed_blocks
 from fusionnet.policy._thesis import ThesisPolicy, thesis_policy
 from fusionnet.randomness import generator
@@ -38,8 +38,6 @@ from fusionnet.robots import load as load_robot
 from fusionnet.simulation import joint_targets
 
 Kind = Literal["fusion", "symbolic"]
-
-Picture = UInt8[np.ndarray, "h w 3"]
 
 
 class Policy:
@@ -92,16 +90,18 @@ class Policy:
         """Look, read, and answer with joint angles and the evidence for them.
 
         Args:
-            image: What the robot's left eye sees, or what its left and its right eye see.
+            image: What the robot's left eye sees, or what its left and its right eye see, of any
+                size in the aspect of the eye's picture. One that shows no board is answered as
+                well: ask `models.look` first where that may happen.
             sentence: A command in English.
 
         Raises:
             NotUnderstoodError: If the sentence cannot be read as a command.
             PlanningError: If no reading of it can be executed in what was seen.
             DoubtError: If the policy checks, and would rather not move.
-            InputError: If there are more pictures than eyes.
+            InputError: If there are more pictures than eyes, or something is no picture.
         """
-        pictures = [image] if isinstance(image, np.ndarray) else list(image)
+        pictures = pictures_of(image)
         eyes = [self.detector] if self.right is None else [self.detector, self.right]
         if not 1 <= len(pictures) <= len(eyes):
             raise InputError(

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 import torch
-from jaxtyping import Float, UInt8
+from jaxtyping import Float
 
 from fusionnet.blocks import BLOCK_SIZE, Cell
 from fusionnet.errors import CheckpointError, InputError, TreeError
@@ -30,14 +30,13 @@ from fusionnet.policy._answer import (
     flat_targets,
     pose_as_json,
 )
+from fusionnet.policy._eyes import Picture, pictures_of
 from fusionnet.rcl import Tree, describe
 from fusionnet.rcl import format as format_tree
 from fusionnet.robots import ArmKinematics, Robot
 from fusionnet.robots import load as load_robot
 from fusionnet.sentences import readable_words
 from fusionnet.simulation.renderer import shared_renderer
-
-Picture = UInt8[np.ndarray, "h w 3"]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -115,13 +114,13 @@ class ThesisPolicy:
 
         Raises:
             NotUnderstoodError: If the sentence is empty, too long or not in English letters.
-            InputError: If there is not one picture.
+            InputError: If there is not one picture, or something is no picture.
             RenderingError: If pictures are cropped and the eye cannot be set up here.
 
         References:
             Thesis 4.3.3.
         """
-        pictures = [image] if isinstance(image, np.ndarray) else list(image)
+        pictures = pictures_of(image)
         if len(pictures) != 1:
             raise InputError(
                 f"Received {len(pictures)} pictures; the thesis's FusionNet sees with one eye: "
