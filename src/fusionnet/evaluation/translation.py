@@ -16,6 +16,7 @@ import numpy as np
 from fusionnet.blocks import Layout, Move, Scene, apply
 from fusionnet.corpora import Command, load_corpus
 from fusionnet.errors import InputError, NotUnderstoodError, PlanningError
+from fusionnet.evaluation.new_text import new_text
 from fusionnet.models.grounded_reading import grounded
 from fusionnet.models.reading import Reading
 from fusionnet.models.sentence_reader import SentenceReader
@@ -76,6 +77,8 @@ def evaluate(config: TranslationEvaluation) -> dict[str, Any]:
         layout_reached: Share whose executed tree leads to the recorded layout.
         word_accuracy: Share of right symbols, given the right ones before each.
         cross_entropy: Mean over all symbols, in nats, given the right ones before each.
+        new_text: n, exact, exact_with_planner and layout_reached of the commands whose words no
+            other split's command has, if some are not new.
         sentences_per_second: Read one after the other, with the beam.
         failures: Sentences, right trees and trees read, if asked for.
         left_out: Commands that the reader left out, by the reason, if there are any.
@@ -87,7 +90,8 @@ def evaluate(config: TranslationEvaluation) -> dict[str, Any]:
     if config.perturbations:
         commands = [perturbed(command, config.perturbations) for command in commands]
     translator = load_translator(config.checkpoint)
-    measured = measure(translator, commands, beam=config.beam)
+    new = new_text(corpus, commands)
+    measured = measure(translator, commands, beam=config.beam, new=new)
     if not config.failures:
         measured.pop("failures")
     else:
@@ -106,9 +110,13 @@ def perturbed(command: Command, count: int) -> Command:
 
 
 def measure(
-    translator: SentenceReader, commands: Sequence[Command], *, beam: int = 10
+    translator: SentenceReader,
+    commands: Sequence[Command],
+    *,
+    beam: int = 10,
+    new: Sequence[bool] = (),
 ) -> dict[str, Any]:
-    """The numbers of `evaluate` for any commands."""
+    """The numbers of `evaluate` for any commands, `new` of which say what is said nowhere else."""
     held = [command.scene.before.held is not None for command in commands]
     began = time.perf_counter()
     readings = [
@@ -139,9 +147,15 @@ def measure(
         for c, h, r, row in zip(commands, held, readings, rows, strict=True)
         if not row["exact"]
     ]
+    found = {"n": len(commands), **_shares(rows)}
+    if not all(new):
+        unheard = [row for row, is_new in zip(rows, new, strict=True) if is_new]
+        names = ("exact", "exact_with_planner", "layout_reached")
+        found["new_text"] = {"n": len(unheard)}
+        if unheard:
+            found["new_text"] |= {name: _shares(unheard)[name] for name in names}
     return {
-        "n": len(commands),
-        **{name: float(np.mean([row[name] for row in rows])) for name in rows[0]},
+        **found,
         "refused": float(np.mean(refused)),
         "exact_without_state": float(np.mean(exact_without_state)),
         "word_accuracy": accuracy,
@@ -149,6 +163,11 @@ def measure(
         "sentences_per_second": len(commands) / seconds,
         "failures": failures,
     }
+
+
+def _shares(rows: Sequence[dict[str, bool]]) -> dict[str, float]:
+    """The share of rows in which each thing is true."""
+    return {name: float(np.mean([row[name] for row in rows])) for name in rows[0]}
 
 
 def _read(
