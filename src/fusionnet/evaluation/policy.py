@@ -18,6 +18,7 @@ from fusionnet.blocks import Layout, Move, apply, plan
 from fusionnet.corpora import Command, executable, load_corpus
 from fusionnet.errors import DoubtError, InputError, NotUnderstoodError, PlanningError
 from fusionnet.evaluation.intervals import wilson_interval
+from fusionnet.evaluation.new_text import new_text
 from fusionnet.policy import Answer, Kind, Policy, Servo, ThesisAnswer, ThesisPolicy, load_policy
 from fusionnet.randomness import derived_seed, generator
 from fusionnet.rcl import Tree
@@ -122,11 +123,13 @@ class PolicyReport:
         records: One an episode.
         not_executable: Commands of the part that were left out, because what they ask for
             cannot be done in their scene.
+        new_text: Numbers of the commands whose words no other part of the corpus has.
     """
 
     config: PolicyEvaluation
     records: list[EpisodeRecord] = field(default_factory=list)
     not_executable: int = 0
+    new_text: frozenset[int] = frozenset()
 
     def as_json(self) -> dict[str, Any]:
         """The numbers that are reported; joint errors are over the answered episodes."""
@@ -159,12 +162,25 @@ class PolicyReport:
             "grasp_error_deg": _mean([r.grasp_degrees for r in answered], 3),
             "place_error_deg": _mean([r.place_degrees for r in answered], 3),
             "median_answer_ms": round(float(np.median([r.milliseconds for r in self.records])), 1),
+            "new_text": self._of_new_text(),
             "outcomes": dict(outcomes.most_common()),
             "failures": [
                 {"command": r.command, "outcome": r.outcome, "reason": r.reason}
                 for r in self.records
                 if r.outcome != "reached"
             ],
+        }
+
+    def _of_new_text(self) -> dict[str, Any]:
+        """Executed success over the episodes whose sentence no other part of the corpus has."""
+        records = [record for record in self.records if record.command in self.new_text]
+        reached = sum(record.outcome == "reached" for record in records)
+        if not records:
+            return {"n": 0}
+        return {
+            "n": len(records),
+            "executed_success": round(reached / len(records), 4),
+            "executed_success_95": [round(v, 4) for v in wilson_interval(reached, len(records))],
         }
 
 
@@ -208,7 +224,12 @@ def evaluate(
         check=config.check,
         displaced=config.displaced > 0.0,
     )
-    report = PolicyReport(config, not_executable=not_executable)
+    new = zip(commands, new_text(corpus, commands), strict=True)
+    report = PolicyReport(
+        config,
+        not_executable=not_executable,
+        new_text=frozenset(command.id for command, is_new in new if is_new),
+    )
     for index in range(config.episodes):
         round_number, row = divmod(index, len(commands))
         order = generator(config.seed, "episodes", round_number).permutation(len(commands))
