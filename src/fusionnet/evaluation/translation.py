@@ -147,13 +147,12 @@ def measure(
         for c, h, r, row in zip(commands, held, readings, rows, strict=True)
         if not row["exact"]
     ]
-    found = {"n": len(commands), **_shares(rows)}
+    found: dict[str, Any] = {"n": len(commands), **_shares(rows)}
     if not all(new):
         unheard = [row for row, is_new in zip(rows, new, strict=True) if is_new]
         names = ("exact", "exact_with_planner", "layout_reached")
-        found["new_text"] = {"n": len(unheard)}
-        if unheard:
-            found["new_text"] |= {name: _shares(unheard)[name] for name in names}
+        shares = _shares(unheard) if unheard else {}
+        found["new_text"] = {"n": len(unheard)} | {n: shares[n] for n in names if n in shares}
     return {
         **found,
         "refused": float(np.mean(refused)),

@@ -25,8 +25,10 @@ def pictures_of(given: np.ndarray | Sequence[np.ndarray]) -> list[Picture]:
     Raises:
         InputError: If something is no picture of 8 bits a colour.
     """
-    alone = isinstance(given, np.ndarray) and given.ndim < 4
-    pictures = [given] if alone else list(given)
+    if isinstance(given, np.ndarray):
+        pictures = [given] if given.ndim < 4 else list(given)
+    else:
+        pictures = list(given)
     for picture in pictures:
         shape, kind = np.shape(picture), getattr(picture, "dtype", type(picture).__name__)
         if kind != np.uint8 or len(shape) != 3 or shape[2] != 3 or not all(shape):
