@@ -1,5 +1,6 @@
 import dataclasses
 import json
+import logging
 import math
 
 import numpy as np
@@ -141,6 +142,7 @@ def test_layouts_are_learnt_through_the_eye_alone(stored, model):
 
 
 def test_a_detector_starts_from_another(tmp_path, model, caplog):
+    caplog.set_level(logging.WARNING, logger="fusionnet")
     model.save(tmp_path / "detector", {}, half=False)
     other = new_detector(seed=5)
     assert start_from(other, tmp_path / "detector") == [] and not caplog.records
