@@ -35,7 +35,7 @@ def picture(scene):
         np.zeros((60, 80, 4), np.uint8),
         np.zeros((60, 80), np.uint8),
         np.zeros((0, 80, 3), np.uint8),
-        [np.zeros((60, 80, 3), np.uint8), "left.png"],
+        [np.zeros((60, 80, 3), np.uint8), np.zeros((60, 80), np.uint8)],
     ],
 )
 def test_what_is_no_picture_is_refused_in_one_line(wrong):
