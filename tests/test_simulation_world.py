@@ -305,7 +305,7 @@ def test_a_new_world_has_the_layout_that_was_given():
     [
         (np.zeros(13), "needs 14 numbers"),
         (np.full(14, np.nan), "finite"),
-        (targets(FAR, FAR + [0, 0, 0, 0, 0, 9.0]), "l_wrist_x.*degrees.*limits"),
+        (targets(FAR, FAR + [0, 0, 0, 0, 0, 9.0]), "l_wrist_x.*°.*limits"),
         (targets(FAR, FAR, closed=(np.inf, 0)), "gripper value is not finite"),
         ("up a bit", "no answer"),
     ],
