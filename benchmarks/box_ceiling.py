@@ -25,7 +25,7 @@ from fusionnet.policy import detector_folder
 from fusionnet.provenance import provenance
 from fusionnet.randomness import generator
 from fusionnet.simulation import Appearance, SceneRenderer
-from fusionnet.training.detector import collate
+from fusionnet.training.detector_batches import collate
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -10,7 +10,8 @@ from fusionnet.models.board_corners import board_corners, refined_pose
 from fusionnet.randomness import generator
 from fusionnet.simulation import Appearance, SceneRenderer
 from fusionnet.simulation.tabletop import BOARD_THICKNESS
-from fusionnet.training.detector import collate, new_detector
+from fusionnet.training.detector import new_detector
+from fusionnet.training.detector_batches import collate
 
 BLOCKS = tuple(
     Block(color, Shape.CUBE, Cell(x, y, z))

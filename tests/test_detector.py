@@ -28,15 +28,13 @@ from fusionnet.randomness import generator
 from fusionnet.simulation import Appearance, SceneRenderer
 from fusionnet.training.detector import (
     DetectorConfig,
-    JoinedPictures,
-    batches,
     calibrate,
-    collate,
     measure,
     new_detector,
     start_from,
     train,
 )
+from fusionnet.training.detector_batches import JoinedPictures, batches, collate
 from fusionnet.training.loop import LoopConfig, fit
 
 SHAPE = (*EYE_FRAME.input_size[::-1], 3)

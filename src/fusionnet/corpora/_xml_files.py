@@ -18,9 +18,14 @@ LARGEST_FILE = 100_000_000
 """Bytes that one XML file may have."""
 
 _DAMAGED = (
-    *(zipfile.BadZipFile, zlib.error, lzma.LZMAError, EOFError, ValueError),
-    *(RuntimeError, NotImplementedError),  # encrypted, or packed in an unknown way
+    zipfile.BadZipFile,
+    zlib.error,
+    lzma.LZMAError,
+    EOFError,
+    ValueError,
+    RuntimeError,  # encrypted, or packed in a way that is not implemented
 )
+"""What `zipfile` raises for an archive that it cannot unpack."""
 
 
 class Element(NamedTuple):

@@ -20,7 +20,7 @@ from fusionnet.models.translator import Translator
 from fusionnet.randomness import generator
 from fusionnet.rcl import parse
 from fusionnet.training.aligned_sentences import aligned_with
-from fusionnet.training.detector import collate as collate_pictures
+from fusionnet.training.detector_batches import collate as collate_pictures
 from fusionnet.training.picture_variation import varied
 from fusionnet.training.translator import TrainingBatch
 from fusionnet.training.translator import collate as collate_sentences

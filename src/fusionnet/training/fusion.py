@@ -21,7 +21,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from fusionnet.blocks import Move, layout_to_json, plan
-from fusionnet.corpora import Command, load_corpus
+from fusionnet.corpora import Command, executable, load_corpus
 from fusionnet.errors import InputError
 from fusionnet.models.checkpoint import WEIGHTS_FILE, check_checkpoint_folder
 from fusionnet.models.fusionnet import FusionNet, compact
@@ -163,7 +163,7 @@ def _trained(
 ) -> dict[str, Any]:
     """`train` on the threads that are set."""
     began = time.monotonic()
-    corpus = load_corpus(config.corpus, config.data)
+    corpus = executable(load_corpus(config.corpus, config.data))
     learnt = corpus.split("train")
     if not learnt:
         raise InputError(f"The corpus {config.corpus!r} has no training groups to learn from.")

@@ -4,7 +4,7 @@ Drawn clutter is flat, and a detector that has seen nothing else takes a sleeve 
 wall for a pale block. Any photographs help, those of the place where the detector shall look most.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable
 from pathlib import Path
 
 import cv2
@@ -26,16 +26,16 @@ class Backdrops:
     """Crops of photographs, of any place and size, mirrored or not.
 
     Args:
-        photographs: At least one.
+        photographs: At least one; each is shrunk before the next is asked for.
 
     Raises:
         InputError: If there is none.
     """
 
-    def __init__(self, photographs: Sequence[UInt8[np.ndarray, "_ _ 3"]]) -> None:
-        if not photographs:
-            raise InputError("Backdrops need at least one photograph.")
+    def __init__(self, photographs: Iterable[UInt8[np.ndarray, "_ _ 3"]]) -> None:
         self._photographs = [_shrunk(photograph) for photograph in photographs]
+        if not self._photographs:
+            raise InputError("Backdrops need at least one photograph.")
 
     def __len__(self) -> int:
         return len(self._photographs)
@@ -47,7 +47,7 @@ class Backdrops:
         Raises:
             InputError: If there is no such folder, or no picture in it, or one cannot be read.
         """
-        return cls([_shrunk(read_picture(file)) for file in picture_files(folder)])
+        return cls(read_picture(file) for file in picture_files(folder))
 
     def crop(self, rng: np.random.Generator, size: tuple[int, int]) -> UInt8[np.ndarray, "h w 3"]:
         """A part of a photograph.
