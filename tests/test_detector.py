@@ -31,11 +31,11 @@ from fusionnet.training.detector import (
     calibrate,
     measure,
     new_detector,
-    start_from,
     train,
 )
 from fusionnet.training.detector_batches import JoinedPictures, batches, collate
 from fusionnet.training.loop import LoopConfig, fit
+from fusionnet.training.warm_start import start_from
 
 SHAPE = (*EYE_FRAME.input_size[::-1], 3)
 """Of the network's input: height, width, colours."""
@@ -157,6 +157,31 @@ def test_a_detector_starts_from_another(tmp_path, model, caplog):
     with torch.inference_mode():  # what is new begins as the identity
         found, wanted = other.eval()(image), plain.eval()(image)
     torch.testing.assert_close(found["cells"].logits, wanted["cells"].logits)
+
+
+def test_a_wider_detector_begins_with_what_a_narrower_one_computes(tmp_path):
+    torch.manual_seed(0)
+    wide = new_detector(seed=1, layouts=False)
+    boxes = dataclasses.replace(wide.config.boxes, width=64)
+    config = dataclasses.replace(wide.config, backbone="small", width=48, boxes=boxes)
+    narrow = RetinaNet(config)
+    narrow.save(tmp_path / "narrow", {}, half=False)
+    left = start_from(wide, tmp_path / "narrow")
+    assert {name.rsplit(".", 3)[0] for name in left} == {
+        "backbone.fine.3",
+        "backbone.middle.3",
+        "backbone.coarse.3",
+    }
+    image = torch.randint(0, 255, (1, 96, 128, 3), dtype=torch.uint8)
+    with torch.inference_mode():
+        found, wanted = wide.eval()(image)["boxes"], narrow.eval()(image)["boxes"]
+    torch.testing.assert_close(found.classes, wanted.classes)
+    torch.testing.assert_close(found.offsets, wanted.offsets)
+    # Another number of anchors is another meaning: nothing of it is taken over.
+    fewer = dataclasses.replace(boxes, ratios=(1.0,))
+    other = RetinaNet(dataclasses.replace(config, boxes=fewer))
+    other.save(tmp_path / "other", {}, half=False)
+    assert "box_head.classify.4.weight" in start_from(wide, tmp_path / "other")
 
 
 def test_a_detector_of_which_nothing_fits_is_no_start(tmp_path, model):

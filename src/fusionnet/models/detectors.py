@@ -127,12 +127,13 @@ def views(frame: PictureFrame) -> RetinaNetConfig:
     """
     boxes = BoxConfig(
         depth=2,
+        width=96,
         strides=(4, 8, 16),
         sizes=((8.5, 13.0), (20.0, 31.0), (48.0, 75.0)),
         ratios=(0.4, 1.0, 2.5),
         prisms=2.0,
     )
-    return RetinaNetConfig(frame=frame, boxes=boxes)
+    return RetinaNetConfig(frame=frame, backbone="wide", width=96, boxes=boxes)
 
 
 def thesis(

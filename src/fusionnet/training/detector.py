@@ -6,7 +6,6 @@ pictures that the eye did not take (environmental views) the boxes alone are lea
 for such pictures learns nothing else (`layouts`).
 """
 
-import logging
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal
@@ -20,17 +19,16 @@ from fusionnet.dataset.folder import read_plan
 from fusionnet.dataset.frame import PictureFrame
 from fusionnet.dataset.pictures import EYE_FRAMES
 from fusionnet.dataset.reader import StoredPictures
-from fusionnet.errors import CheckpointError, InputError
-from fusionnet.models.checkpoint import check_checkpoint_folder, load_checkpoint
+from fusionnet.errors import InputError
+from fusionnet.models.checkpoint import check_checkpoint_folder
 from fusionnet.models.detectors import compact, views
 from fusionnet.models.labelled_boxes import BoxPrecision
-from fusionnet.models.retinanet import KIND, Batch, RetinaNet
+from fusionnet.models.retinanet import Batch, RetinaNet
 from fusionnet.simulation import SceneRenderer
 from fusionnet.training.detector_batches import AnyPictures, JoinedPictures, batches, collate
 from fusionnet.training.loop import LoopConfig, Progress, fit, is_first_process
+from fusionnet.training.warm_start import start_from
 from fusionnet.views import Backdrops
-
-log = logging.getLogger(__name__)
 
 LOSS_WEIGHTS = {
     "class": 1.0,
@@ -43,12 +41,8 @@ LOSS_WEIGHTS = {
 }
 """Fixed factors that bring the losses to like sizes after the first epoch."""
 
-
 FINER = 2
 """Times the input's size: views of which boxes alone are learnt, before they are moved."""
-
-SHOWN = 5
-"""Tensors that a warning names."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -174,29 +168,6 @@ def _check_eyes(config: DetectorConfig) -> None:
                 f"In {folder} the {others[0]} looks; this detector is one of the {config.eye}. "
                 f"Build a data set with --eyes {config.eye}, or train with --eye {others[0]}."
             )
-
-
-def start_from(model: RetinaNet, folder: Path) -> list[str]:
-    """Take over another detector's weights where names and shapes agree; returns the others.
-
-    Raises:
-        CheckpointError: If it is missing or damaged, or no detector, or if nothing agrees.
-    """
-    given, own = load_checkpoint(folder, KIND).tensors, model.state_dict()
-    fits = {n: t for n, t in given.items() if n in own and own[n].shape == t.shape}
-    if not fits.keys() & dict(model.named_parameters()).keys():
-        raise CheckpointError(
-            f"Nothing of the detector in {folder} can be taken over: none of its {len(given)} "
-            "tensors has the name and the shape of one here. Begin with a detector of the same "
-            "preset, or without --start."
-        )
-    model.load_state_dict(fits, strict=False)
-    left = sorted(own.keys() - fits.keys())
-    log.info("%d tensors taken over from %s", len(fits), folder)
-    if left:
-        shown = ", ".join(left[:SHOWN]) + (", ..." if len(left) > SHOWN else "")
-        log.warning("%d of %d tensors begin anew: %s", len(left), len(own), shown)
-    return left
 
 
 def new_detector(

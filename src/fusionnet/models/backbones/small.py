@@ -34,22 +34,27 @@ def _halve(source: int, target: int) -> nn.Sequential:
     )
 
 
+def _residuals(channels: int, count: int) -> list[Residual]:
+    return [Residual(channels) for _ in range(count)]
+
+
 class Small(nn.Module):
     """Stem of stride 4 and three stages of residual blocks."""
 
     strides = (4, 8, 16)
-    channels = (40, 80, 128)
+    channels: tuple[int, int, int] = (40, 80, 128)
+    blocks: tuple[int, int, int] = (1, 2, 2)
     stem_channels = 24
     mean = (0.5, 0.5, 0.5)
     deviation = (0.5, 0.5, 0.5)
 
     def __init__(self) -> None:
         super().__init__()
-        fine, middle, coarse = self.channels
+        (fine, middle, coarse), (first, second, third) = self.channels, self.blocks
         stem = self.stem_channels
-        self.fine = nn.Sequential(_halve(3, stem), _halve(stem, fine), Residual(fine))
-        self.middle = nn.Sequential(_halve(fine, middle), Residual(middle), Residual(middle))
-        self.coarse = nn.Sequential(_halve(middle, coarse), Residual(coarse), Residual(coarse))
+        self.fine = nn.Sequential(_halve(3, stem), _halve(stem, fine), *_residuals(fine, first))
+        self.middle = nn.Sequential(_halve(fine, middle), *_residuals(middle, second))
+        self.coarse = nn.Sequential(_halve(middle, coarse), *_residuals(coarse, third))
 
     def forward(self, images: Float[Tensor, "b 3 h w"]) -> list[Float[Tensor, "b _ _ _"]]:
         """Feature maps at strides 4, 8 and 16."""
