@@ -35,7 +35,7 @@ demo: setup
 	@$(BIN)/fusionnet run "$(SENTENCE)" --corpus examples --scene 1 --out demo
 
 test: setup
-	@$(BIN)/python -m pytest -q -n auto
+	@$(BIN)/python -m pytest -q -n auto --dist worksteal
 
 lint: setup
 	@$(BIN)/ruff check .

@@ -261,16 +261,15 @@ def test_two_processes_train_one_network_on_the_mean_of_their_batches(tmp_path: 
     assert sum(not torch.equal(w, untrained[n]) for n, w in alone.named_parameters()) > 5
 
 
-def test_readings_of_another_reader_are_not_taken_for_this_ones(
-    data_folder: Path, tmp_path: Path
-) -> None:
+def test_readings_of_another_reader_are_not_taken_for_this_ones(tmp_path: Path) -> None:
+    corpus = write_tiny_treebank(tmp_path / "corpus")
     asked: list[str] = []
 
     def run(reader: Path, pictures: int) -> None:
         config = FusionConfig(
             out=tmp_path / "fusion",
             work=tmp_path / "work",
-            data=data_folder,
+            data=corpus,
             batch=4,
             reader=reader,
             pictures=pictures,

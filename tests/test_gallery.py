@@ -37,7 +37,7 @@ def watched():
     gallery = Gallery()
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(evaluation, "load_policy", lambda *_, **__: Clumsy())
-        report = evaluate(PolicyEvaluation(corpus="synthetic", episodes=2), watch=gallery)
+        report = evaluate(PolicyEvaluation(corpus="examples", episodes=2), watch=gallery)
     return gallery, report
 
 

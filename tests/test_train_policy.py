@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +14,7 @@ from fusionnet.policy import load_policy
 from fusionnet.training import fusion, policy
 from fusionnet.training.loop import LoopConfig
 from fusionnet.training.policy import PolicyConfig, train
+from fusionnet.training.translator import TranslatorConfig
 from tiny_treebank import write_tiny_treebank
 
 ONE_STEP = LoopConfig(steps=1, learning_rate=1e-4, tensorboard=False)
@@ -23,7 +25,8 @@ def quiet(stage: str):  # type: ignore[no-untyped-def]
 
 
 @pytest.fixture
-def config(tmp_path: Path) -> PolicyConfig:
+def config(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> PolicyConfig:
+    monkeypatch.setattr(policy, "TranslatorConfig", partial(TranslatorConfig, invented=40))
     return PolicyConfig(
         out=tmp_path / "policy",
         work=tmp_path / "work",

@@ -49,23 +49,22 @@ def read(
 CORPUS = read
 TERMS = "our own synthetic commands, which the package `fusionnet` (Apache-2.0) makes by chance"
 
-_kept: dict[tuple[int, int], tuple[Command, ...]] = {}
-"""The commands that were last asked for: several parts of one run ask for the same."""
+_kept: dict[int, list[Command]] = {}
+"""The commands of the seed that was last asked for: several parts of one run ask for the same."""
 
 
 def _first(
     seed: int, size: int, progress: Callable[[int, int], None] | None
 ) -> tuple[Command, ...]:
     """Commands 1 to `size` of a seed."""
-    if (seed, size) not in _kept:
-        made = []
-        for number in range(1, size + 1):
-            made.append(command(seed, number))
-            if progress is not None and number % 100 == 0:
-                progress(number, size)
+    if seed not in _kept:
         _kept.clear()
-        _kept[seed, size] = tuple(made)
-    return _kept[seed, size]
+    made = _kept.setdefault(seed, [])
+    for number in range(len(made) + 1, size + 1):
+        made.append(command(seed, number))
+        if progress is not None and number % 100 == 0:
+            progress(number, size)
+    return tuple(made[:size])
 
 
 def commands(seed: int = 0, start: int = 1) -> Iterator[Command]:
