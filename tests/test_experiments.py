@@ -210,6 +210,21 @@ def test_some_variants_may_be_made_again_alone(tmp_path):
     assert made(tmp_path) - before == Counter(["x2 0", "x2 1"])
 
 
+def broken(trial):
+    raise DataError("no data")
+
+
+def test_records_stay_until_they_are_replaced(tmp_path):
+    everything = reproduce(toy(trials=2), plan(tmp_path))
+    failing = dataclasses.replace(toy(trials=2), run=broken)
+    with pytest.raises(DataError, match="no data"):
+        reproduce(failing, plan(tmp_path, again=True))
+    kept = read_records(tmp_path / "results", "toy", "smoke")
+    assert len(kept) == len(everything)
+    reproduce(toy(), plan(tmp_path, again=True, only=("x2",), seeds=1))
+    assert len(read_records(tmp_path / "results", "toy", "smoke")) == len(kept)
+
+
 def with_setup(text: str):
     return dataclasses.replace(toy(), differs={"smoke": text})
 

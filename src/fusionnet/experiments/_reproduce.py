@@ -8,8 +8,8 @@ from pathlib import Path
 from fusionnet.errors import UnknownNameError
 from fusionnet.experiments._experiment import Experiment, Progress, Variant
 from fusionnet.experiments._records import Record, record_file
-from fusionnet.experiments._runner import Plan, run_trial, trial_of
-from fusionnet.experiments._search import forget_study, judged_by, search_variants
+from fusionnet.experiments._runner import Plan, Stale, run_trial, stamps, trial_of
+from fusionnet.experiments._search import PROPOSAL, forget_study, judged_by, search_variants
 from fusionnet.files import check_folder
 
 Report = Callable[[int, int], None]
@@ -46,8 +46,10 @@ def reproduce(
         each = judged_by(experiment.search, plan.scale, len(seeds))
         total += (experiment.search.trials[plan.scale] - 1) * each + len(seeds)
     trials = [trial_of(experiment, plan, v, seed, within) for seed in seeds for v in variants]
+    stale: Stale = {}
     if plan.again:
-        _forget(experiment, plan, variants)
+        stale = stamps(plan.results / experiment.name / plan.scale)
+        _forget_states(experiment, plan, variants)
     records: dict[Path, Record] = {}
 
     def note(file: Path, record: Record) -> None:
@@ -58,13 +60,16 @@ def reproduce(
     while missing := [t for t in trials if record_file(plan.results, t) not in records]:
         before = len(records)
         for trial in missing:
-            record = run_trial(experiment, plan, trial)
+            record = run_trial(experiment, plan, trial, stale)
             if record is not None:
                 note(record_file(plan.results, trial), record)
         if len(records) == before:
             time.sleep(1.0)  # other processes are at what is left
     if searched:
-        search_variants(experiment, plan, seeds, note, within)
+        search_variants(experiment, plan, seeds, note, within, stale)
+        for file in stale.keys() - records.keys():
+            if file.name.startswith(PROPOSAL):  # it is no longer made
+                file.unlink(missing_ok=True)
     return list(records.values())
 
 
@@ -80,18 +85,16 @@ def _chosen(experiment: Experiment, plan: Plan) -> list[Variant]:
     return [v for name, v in variants.items() if not plan.only or name in plan.only]
 
 
-def _forget(experiment: Experiment, plan: Plan, variants: Sequence[Variant]) -> None:
-    """Remove the records of variants that a plan names, and the states of runs that were killed.
+def _forget_states(experiment: Experiment, plan: Plan, variants: Sequence[Variant]) -> None:
+    """Remove the states of killed runs of variants that a plan names, and what trials share.
 
-    Where it names none, all of the scale go, and the study of its search. What trials measured
-    together goes in any case.
+    Where it names none, those of all variants go, and the study of its search. Records stay until
+    they are replaced.
     """
     trial = trial_of(experiment, plan, variants[0], seed=0)
     shutil.rmtree(trial.shared, ignore_errors=True)
     patterns = [f"{variant.name}-seed*" for variant in variants] if plan.only else ["*"]
     for pattern in patterns:
-        for file in (plan.results / experiment.name / plan.scale).glob(f"{pattern}.json"):
-            file.unlink(missing_ok=True)
         for state in trial.state.parent.glob(pattern):
             shutil.rmtree(state, ignore_errors=True)
     if not plan.only:

@@ -24,10 +24,13 @@ from fusionnet.experiments._experiment import (
 )
 from fusionnet.experiments._locks import Lock
 from fusionnet.experiments._records import Record, record_file
-from fusionnet.experiments._runner import Plan, run_trial, trial_of
+from fusionnet.experiments._runner import Plan, Stale, run_trial, trial_of
 
 JOURNAL = "study.journal"
 """The study's file, beside the records."""
+
+PROPOSAL = "proposal-"
+"""How the names of proposed variants begin."""
 
 PAUSE = 0.2
 """Seconds between looks at what other processes do."""
@@ -39,6 +42,7 @@ def search_variants(
     seeds: range,
     note: Callable[[Path, Record], None],
     within: Progress | None = None,
+    stale: Stale | None = None,
 ) -> None:
     """Let a tree-structured Parzen estimator propose variants until enough are finished.
 
@@ -71,12 +75,12 @@ def search_variants(
         trial, lock = mine
         with lock:
             variant = search.propose(trial)
-            study.tell(trial, _mean(experiment, plan, variant, some, note, within))
+            study.tell(trial, _mean(experiment, plan, variant, some, note, within, stale))
     best = study.best_trial.number
     for finished in study.get_trials(deepcopy=False, states=[TrialState.COMPLETE]):
         variant = search.propose(optuna.trial.FixedTrial(finished.params))
         own = seeds if finished.number == best else some
-        _mean(experiment, plan, variant, own, note, within)
+        _mean(experiment, plan, variant, own, note, within, stale)
 
 
 def judged_by(search: Search, scale: Scale, seeds: int) -> int:
@@ -128,12 +132,13 @@ def _mean(
     seeds: range,
     note: Callable[[Path, Record], None],
     within: Progress | None,
+    stale: Stale | None,
 ) -> float:
     """Mean of the deciding metric over the seeds, from records that are made if missing."""
     values = []
     for seed in seeds:
         trial = trial_of(experiment, plan, variant, seed, within)
-        while (record := run_trial(experiment, plan, trial)) is None:
+        while (record := run_trial(experiment, plan, trial, stale)) is None:
             time.sleep(PAUSE)
         note(record_file(plan.results, trial), record)
         values.append(record.metrics[experiment.metric])
@@ -143,4 +148,4 @@ def _mean(
 def proposal_name(values: Mapping[str, float]) -> str:
     """A short name for proposed values, the same for the same values."""
     text = json.dumps(dict(values), sort_keys=True)
-    return "proposal-" + hashlib.blake2b(text.encode(), digest_size=5).hexdigest()
+    return PROPOSAL + hashlib.blake2b(text.encode(), digest_size=5).hexdigest()
