@@ -4,7 +4,7 @@
 
 Boxes are those of rendered pictures, drawn again with a few pixels' change until there are as
 many as 30,000 pictures have. The plain loop would take an hour, so all are compared by the time
-of one iteration, measured in turns; ours is also timed for ten whole repetitions.
+of one iteration, one way after the other; ours is also timed for ten whole repetitions.
 """
 
 import json

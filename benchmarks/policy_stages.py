@@ -53,7 +53,8 @@ class Config:
         split: Part of it.
         policy: `fusion` or `symbolic`.
         checkpoint: A shipped name or a folder of checkpoints.
-        answers: So many by each way, after a few that do not count.
+        answers: So many by each way, after a few that do not count; fewer where the part has no
+            more sentences.
         threads: Numbers of PyTorch's threads.
         seed: Of commands and looks.
         out: Where to write the numbers; the terminal only by default.
@@ -101,14 +102,15 @@ def main(config: Config) -> None:
         stages = dict(answer.milliseconds)
         stages["the rest"] = total - sum(stages.values())
         spent[way].append(stages | {"total": total})
+    counted = {
+        f"{way.threads} thread{'s' if way.threads > 1 else ''}, {way.clock}": rows[
+            WARM_UP : WARM_UP + config.answers
+        ]
+        for way, rows in spent.items()
+    }
     report = {
         "command": f"python benchmarks/policy_stages.py --data DIR --answers {config.answers}",
-        "milliseconds": {
-            f"{way.threads} thread{'s' if way.threads > 1 else ''}, {way.clock}": _summary(
-                rows[WARM_UP : WARM_UP + config.answers]
-            )
-            for way, rows in spent.items()
-        },
+        "milliseconds": {name: _summary(rows) for name, rows in counted.items()},
         "stages": {
             "see": "picture to cells, boxes, camera",
             "read": "sentence to the likely trees",
@@ -116,7 +118,7 @@ def main(config: Config) -> None:
             "fuse": "layout and trees to cells and the fourteen values",
             "the rest": "boxes, likely layout and the answer itself",
         },
-        "answers": config.answers,
+        "answers": {name: len(rows) for name, rows in counted.items()},
         "refused": refused,
         "corpus": config.corpus,
         "split": config.split,

@@ -121,6 +121,9 @@ def test_what_was_not_run_says_how_to_run_it(tmp_path, capsys):
     assert "fusionnet reproduce toy" in reading(missing)
     assert "toy" in html_page([missing])
     assert main(["report", "--results", str(tmp_path), "--out", str(tmp_path / "r.html")]) == 0
+    typo = ["report", "--results", str(tmp_path / "typo"), "--out", str(tmp_path / "r.html")]
+    before = (tmp_path / "r.html").read_bytes()
+    assert main(typo) == 2 and (tmp_path / "r.html").read_bytes() == before
     assert (
         "There is no answer yet" in (tmp_path / "r.html").read_text()
         or "no answer yet" in (tmp_path / "r.html").read_text()

@@ -36,7 +36,8 @@ def config(name: str, **changes) -> LoopConfig:
 @pytest.mark.parametrize("name", weightings.names())
 def test_every_weighting_trains_to_where_no_loss_can_fall_alone(name):
     model = Point()
-    fit(model, batches, lambda wrapped, b: model.losses(b), config(name, primary="first"))
+    primary = {"primary": "first"} if weightings.load(name)(NAMES).ordered else {}
+    fit(model, batches, lambda wrapped, b: model.losses(b), config(name, **primary))
     x, y = model.place.tolist()
     assert -0.05 <= x <= 1.05 and abs(y) < 0.15  # between the two places: the Pareto set
 
@@ -85,16 +86,34 @@ def test_learned_weights_are_resumed(tmp_path):
     ("changes", "said"),
     [
         ({"loss_weights": {}}, "needs to know its losses"),
-        ({"primary": "third"}, "The primary loss 'third' is not one of"),
+        ({"weighting": "primary", "primary": "third"}, "The primary loss 'third' is not one of"),
+        ({"weighting": "primary"}, "which loss is first: give --loop.primary .* first, second"),
+        ({"primary": "first"}, "'upgrad' puts no loss first; received --loop.primary first"),
         ({"devices": 2}, "trains on one device, not 2"),
+        ({"precision": "bf16-mixed"}, "full precision, not 'bf16-mixed'"),
         ({"loss_weights": {"first": 1.0, "other": 1.0}}, "loss_weights lacks second"),
+        (
+            {"loss_weights": {"first": 1.0, "second": 1.0, "third": 1.0}},
+            "names third, which this network does not give",
+        ),
     ],
 )
 def test_what_cannot_be_weighted_is_refused(changes, said, monkeypatch):
     monkeypatch.setattr("lightning.fabric.Fabric.launch", lambda self: None)
     model = Point()
     with pytest.raises(InputError, match=said):
-        fit(model, batches, lambda w, b: model.losses(b), config("upgrad", **changes))
+        fit(model, batches, lambda w, b: model.losses(b), config(**{"name": "upgrad", **changes}))
+
+
+@pytest.mark.parametrize("clip", [0.0, 1.0])
+def test_a_training_that_diverges_says_so(clip):
+    model = Point()
+
+    def losses(wrapped, batch):
+        return {n: v * float("inf") for n, v in model.losses(batch).items()}
+
+    with pytest.raises(InputError, match="diverged at step 1: first, second"):
+        fit(model, batches, losses, config("fixed", clip=clip))
 
 
 def test_cosines_tell_conflict_from_agreement():

@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 from pathlib import Path
 
+from fusionnet.errors import InputError
 from fusionnet.files import check_file, write_whole
 from fusionnet.report import gather, html_page, markdown_page
 
@@ -20,7 +21,16 @@ class ReportConfig:
 
 
 def report(config: ReportConfig) -> None:
-    """Draw every experiment that has been run beside the thesis's figures and numbers."""
+    """Draw every experiment that has been run beside the thesis's figures and numbers.
+
+    Raises:
+        InputError: If there is no folder of results.
+    """
+    if not config.results.is_dir():
+        raise InputError(
+            f"There is no folder of results {config.results}; `fusionnet reproduce NAME` writes "
+            "one (--results), and where it lies is said with --results here, too."
+        )
     check_file(config.out)
     if config.markdown is not None:
         check_file(config.markdown)

@@ -9,7 +9,7 @@ from rich.table import Table
 from fusionnet import experiments
 from fusionnet.apps.progress import bars
 from fusionnet.corpora import named_data
-from fusionnet.errors import DataError, InputError
+from fusionnet.errors import DataError, FusionNetError, InputError, OutputError
 from fusionnet.experiments import Experiment, Plan, Record, judge, of_one_setup, summaries
 
 
@@ -50,11 +50,13 @@ def reproduce(config: ReproduceConfig) -> None:
     for name in experiments.names():
         try:
             _one(experiments.load(name), plan, console)
-        except DataError as error:
+        except OutputError:
+            raise
+        except FusionNetError as error:
             console.print(f"{name}: {error}", soft_wrap=True)
             missing.append(name)
     if missing:
-        raise DataError(f"Not run for want of data or weights, see above: {', '.join(missing)}.")
+        raise DataError(f"Not run to the end, see above: {', '.join(missing)}.")
 
 
 def _one(experiment: Experiment, plan: Plan, console: Console) -> None:

@@ -121,7 +121,8 @@ def evaluate(
         lenient.update(found, wanted, torch.from_numpy(truth.hidden))
         if progress is not None:
             progress(index + 1, count)
-    shares = {n: round(float(np.concatenate(v).mean()), 4) for n, v in counted.items()}
+    joined = {name: np.concatenate(values) for name, values in counted.items()}
+    shares = {n: round(float(v.mean()), 4) if len(v) else None for n, v in joined.items()}
     if confidence:
         shares["calibration_error"] = round(calibration_error(np.concatenate(confidence)), 4)
     precise = strict.compute()

@@ -75,7 +75,7 @@ class PairedDifference:
     @property
     def clear(self) -> bool:
         """Whether the interval leaves out zero and at least `ENOUGH_SEEDS` bear it."""
-        return self.seeds >= ENOUGH_SEEDS and not self.low <= 0.0 <= self.high
+        return self.seeds >= ENOUGH_SEEDS and (self.low > 0.0 or self.high < 0.0)
 
 
 def paired_difference(first: Sequence[float], second: Sequence[float]) -> PairedDifference:

@@ -6,7 +6,7 @@ split by scene group, so that no layout of the test part was ever trained on.
 
 import time
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
@@ -132,13 +132,18 @@ class PolicyReport:
     new_text: frozenset[int] = frozenset()
 
     def as_json(self) -> dict[str, Any]:
-        """The numbers that are reported; joint errors are over the answered episodes."""
+        """The numbers that are reported; joint errors are over the answered episodes.
+
+        Episodes of one command are not independent of one another: `each_command_once` counts
+        the first one of every command alone.
+        """
         outcomes = Counter(record.outcome for record in self.records)
         reached = outcomes["reached"]
         low, high = wilson_interval(reached, len(self.records))
         wrong = sum(r.outcome != "reached" and r.squared_error is not None for r in self.records)
         wrong_low, wrong_high = wilson_interval(wrong, len(self.records))
         answered = [r for r in self.records if r.squared_error is not None]
+        first = {record.command: record for record in reversed(self.records)}
         return {
             "corpus": self.config.corpus,
             "split": self.config.split,
@@ -162,7 +167,8 @@ class PolicyReport:
             "grasp_error_deg": _mean([r.grasp_degrees for r in answered], 3),
             "place_error_deg": _mean([r.place_degrees for r in answered], 3),
             "median_answer_ms": round(float(np.median([r.milliseconds for r in self.records])), 1),
-            "new_text": self._of_new_text(),
+            "each_command_once": _success(list(first.values())),
+            "new_text": _success([r for r in self.records if r.command in self.new_text]),
             "outcomes": dict(outcomes.most_common()),
             "failures": [
                 {"command": r.command, "outcome": r.outcome, "reason": r.reason}
@@ -171,17 +177,17 @@ class PolicyReport:
             ],
         }
 
-    def _of_new_text(self) -> dict[str, Any]:
-        """Executed success over the episodes whose sentence no other part of the corpus has."""
-        records = [record for record in self.records if record.command in self.new_text]
-        reached = sum(record.outcome == "reached" for record in records)
-        if not records:
-            return {"n": 0}
-        return {
-            "n": len(records),
-            "executed_success": round(reached / len(records), 4),
-            "executed_success_95": [round(v, 4) for v in wilson_interval(reached, len(records))],
-        }
+
+def _success(records: Sequence[EpisodeRecord]) -> dict[str, Any]:
+    """Executed success over some episodes, with its 95 % Wilson interval."""
+    reached = sum(record.outcome == "reached" for record in records)
+    if not records:
+        return {"n": 0}
+    return {
+        "n": len(records),
+        "executed_success": round(reached / len(records), 4),
+        "executed_success_95": [round(v, 4) for v in wilson_interval(reached, len(records))],
+    }
 
 
 def evaluate(
@@ -210,8 +216,8 @@ def evaluate(
             f"{', '.join(map(str, disturbances))}."
         )
     corpus = load_corpus(config.corpus, config.data)
-    commands = executable(corpus).split(config.split)
-    not_executable = len(corpus.split(config.split)) - len(commands)
+    part, commands = corpus.split(config.split), executable(corpus).split(config.split)
+    not_executable = len(part) - len(commands)
     if not commands:
         raise InputError(
             f"The corpus {config.corpus!r} has no commands in {config.split!r} that can be "
@@ -224,7 +230,7 @@ def evaluate(
         check=config.check,
         displaced=config.displaced > 0.0,
     )
-    new = zip(commands, new_text(corpus, commands), strict=True)
+    new = zip(part, new_text(corpus, part), strict=True)
     report = PolicyReport(
         config,
         not_executable=not_executable,

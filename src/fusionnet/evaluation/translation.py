@@ -77,8 +77,8 @@ def evaluate(config: TranslationEvaluation) -> dict[str, Any]:
         layout_reached: Share whose executed tree leads to the recorded layout.
         word_accuracy: Share of right symbols, given the right ones before each.
         cross_entropy: Mean over all symbols, in nats, given the right ones before each.
-        new_text: n, exact, exact_with_planner and layout_reached of the commands whose words no
-            other split's command has, if some are not new.
+        new_text: n, exact, exact_with_planner and layout_reached of the commands whose words,
+            before any perturbation, no other split's command has, if some are not new.
         sentences_per_second: Read one after the other, with the beam.
         failures: Sentences, right trees and trees read, if asked for.
         left_out: Commands that the reader left out, by the reason, if there are any.
@@ -87,10 +87,10 @@ def evaluate(config: TranslationEvaluation) -> dict[str, Any]:
     commands = commands_of(corpus, [config.split])
     if not commands:
         raise InputError(f"The corpus {config.corpus!r} has no commands in split {config.split!r}.")
+    new = new_text(corpus, commands)  # as people wrote them
     if config.perturbations:
         commands = [perturbed(command, config.perturbations) for command in commands]
     translator = load_translator(config.checkpoint)
-    new = new_text(corpus, commands)
     measured = measure(translator, commands, beam=config.beam, new=new)
     if not config.failures:
         measured.pop("failures")

@@ -77,6 +77,7 @@ def train_fusion(
         config.loop,
         folder=trial.state if resumed else None,
         settings=config,
+        seed=config.seed,
         progress=trial.progress,
     )
     return model, history

@@ -6,8 +6,9 @@ light, camera and blocks. Training and test commands are drawn from different nu
 generator, so their layouts differ; their kind does not.
 """
 
+import hashlib
 import io
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from dataclasses import replace as replaced
 from functools import lru_cache
@@ -73,7 +74,7 @@ def pointing_set(
         progress: Called with pictures done and pictures in all.
     """
     commands = _simple(count, first)
-    file = folder / f"pointing-{LEVELS}-{first}-{count}.npz"
+    file = folder / f"pointing-{LEVELS}-{first}-{_digest(commands)}.npz"
     if not file.is_file():
         _render(file, commands, first, progress)
     with np.load(file, allow_pickle=False) as stored:
@@ -92,6 +93,12 @@ def pointing_set(
             for command in commands
         ],
     )
+
+
+def _digest(commands: Sequence[Command]) -> str:
+    """Of the layouts that are drawn."""
+    drawn = repr([command.scene.before.blocks for command in commands])
+    return hashlib.blake2b(drawn.encode(), digest_size=6).hexdigest()
 
 
 @lru_cache(maxsize=2)

@@ -4,6 +4,7 @@ import json
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
+from math import isfinite
 from pathlib import Path
 from typing import Any
 
@@ -57,8 +58,12 @@ def write_record(
     """Write a run's record, whole or not at all.
 
     Raises:
+        ValueError: If a metric is no finite number.
         OutputError: If it cannot be written.
     """
+    lost = [name for name, value in outcome.metrics.items() if not isfinite(value)]
+    if lost:
+        raise ValueError(f"{trial.variant.name} measured no finite {', '.join(lost)}")
     record = Record(
         experiment=trial.experiment,
         scale=trial.scale,

@@ -184,5 +184,6 @@ EXPERIMENT = Experiment(
     caution="The reader's filters were learnt with the occupancy's loss before; what is compared "
     "is how fast its output comes back, not what would be learnt from nothing. The runs of commit "
     "b3b779486df9 were made before two more losses of the reader, `first_look` and `offset`, "
-    "joined those of the occupancy.",
+    "joined those of the occupancy. Runs begin with the policy that is shipped at their commit; "
+    "that of those has been replaced since.",
 )

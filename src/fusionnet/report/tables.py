@@ -65,7 +65,7 @@ def notes(chapter: Chapter) -> str:
         experiment.test if experiment.claims else "",
         f"{len(chapter.records)} runs, {chapter.minutes:.0f} minutes in all, commit "
         f"{', '.join(sorted(sources))}, {machine.get('processor')}, {machine.get('device')}; "
-        f"`{chapter.records[0].command}` makes them again.",
+        f"`{chapter.records[0].command} --again --data DIR` makes them again.",
         left_out if chapter.left_out else "",
     ]
     return " ".join(part for part in parts if part)

@@ -46,8 +46,8 @@ class LoopConfig:
         loss_weights: Fixed factor of each named loss; 1 where none is given. A loss with the
             factor 0 is not learnt from.
         weighting: Name in `training.weightings`: how one gradient is made of the losses. Those
-            that look at gradients train on one device.
-        primary: The loss that a weighting with priorities puts first.
+            that look at gradients train on one device, in full precision.
+        primary: The loss that a weighting with priorities ("primary") puts first.
         average: Decay of the exponential moving average of the weights; 0 turns it off.
         precision: Fabric's name, "32-true" or "bf16-mixed"; "auto" is the second on a GPU that
             computes with it, and else the first.
@@ -82,10 +82,12 @@ class LoopConfig:
         counts = (self.steps, self.devices, self.log_every, self.save_every)
         rates = (self.learning_rate, self.clip, self.average)
         fits = np.isfinite(rates).all() and self.learning_rate > 0 and 0 <= self.average < 1
+        factors = list(self.loss_weights.values())
+        fits = fits and np.isfinite(factors).all() and min(factors, default=0.0) >= 0.0
         if min(counts) < 1 or not fits or self.clip < 0:
             raise InputError(
                 "steps, devices, log_every and save_every >= 1, learning_rate > 0, clip >= 0, "
-                f"0 <= average < 1; got {self}"
+                f"0 <= average < 1, loss_weights of at least 0; got {self}"
             )
 
 
@@ -119,7 +121,8 @@ def fit(
         the resumed run come first, as if it had never been killed.
 
     Raises:
-        InputError: If there is no such device or precision here.
+        InputError: If there is no such device or precision here, if the weighting does not go
+            with it or with the losses, or if a loss is no number any more.
         CheckpointError: If the state in `folder` is damaged, or of another model or run.
     """
     # A parameter need not take part in every batch: a relation that no sentence speaks of.
@@ -179,8 +182,12 @@ def fit(
                 group["lr"] = rate
             named = losses(wrapped, fabric.to_device(batch))
             learnt = _learnt(named, config, weighting)
+            _check_finite(named, step, rate)
             optimizer.zero_grad()
             weighting.differentiate(learnt, list(model.parameters()), fabric.backward)
+            for parameter in own if world > 1 else ():  # the model's own are averaged by Fabric
+                if parameter.grad is not None:
+                    parameter.grad = _mean(fabric, parameter.grad)
             if config.clip:
                 fabric.clip_gradients(wrapped, optimizer, max_norm=config.clip)
             optimizer.step()
@@ -242,10 +249,26 @@ def _new_weighting(config: LoopConfig) -> Weighting:
             f"The weighting {config.weighting!r} looks at gradients and trains on one device, "
             f"not {config.devices}; fixed and uncertainty train on several."
         )
+    if isinstance(weighting, GradientWeighting) and precision_of(config) != "32-true":
+        raise InputError(
+            f"The weighting {config.weighting!r} looks at gradients and trains in full precision, "
+            f"not {precision_of(config)!r}: add --loop.precision 32-true, or take fixed or "
+            "uncertainty."
+        )
     if config.weighting != "fixed" and len(names) < 2:
         raise InputError(
             f"The weighting {config.weighting!r} needs to know its losses: name at least two in "
             "loss_weights, with the factor 1 each if nothing speaks against it."
+        )
+    if weighting.ordered != bool(config.primary):
+        raise InputError(
+            f"The weighting {config.weighting!r} "
+            + (
+                "needs to know which loss is first: give --loop.primary with one of "
+                f"{', '.join(names)}."
+                if weighting.ordered
+                else f"puts no loss first; received --loop.primary {config.primary}."
+            )
         )
     if config.primary and config.primary not in names:
         raise InputError(
@@ -264,15 +287,36 @@ def _learnt(
         return torch.stack(kept or [0.0 * v for v in losses.values()])
     if unknown := losses.keys() - set(weighting.names):
         raise InputError(f"loss_weights lacks {', '.join(sorted(unknown))}.")
+    if absent := [name for name in weighting.names if name not in losses]:
+        raise InputError(
+            f"loss_weights names {', '.join(absent)}, which this network does not give; the "
+            f"weighting {config.weighting!r} takes {', '.join(losses)}."
+        )
     return torch.stack([losses[name] * factors[name] for name in weighting.names])
 
 
 def _values(fabric: Fabric, losses: Mapping[str, torch.Tensor]) -> dict[str, float]:
     """The losses as numbers, averaged over all devices."""
     stacked = torch.stack([loss.detach().float() for loss in losses.values()])
-    mean = fabric.all_reduce(stacked)
+    return dict(zip(losses, _mean(fabric, stacked).tolist(), strict=True))
+
+
+def _mean(fabric: Fabric, values: torch.Tensor) -> torch.Tensor:
+    """Over all devices."""
+    mean = fabric.all_reduce(values)
     assert isinstance(mean, torch.Tensor)
-    return dict(zip(losses, mean.tolist(), strict=True))
+    return mean
+
+
+def _check_finite(losses: Mapping[str, torch.Tensor], step: int, rate: float) -> None:
+    """Refuse to go on with a loss that is no number."""
+    lost = [name for name, loss in losses.items() if not torch.isfinite(loss.detach()).all()]
+    if lost:
+        raise InputError(
+            f"Training diverged at step {step + 1}: {', '.join(lost)} is no finite number any "
+            f"more, at the learning rate {rate:.3g}. Take a smaller learning rate; the same "
+            "command with it needs a new folder to work in."
+        )
 
 
 @torch.no_grad()

@@ -8,7 +8,7 @@ from fusionnet.models.backbones.small import Residual, Small
 class Wide(Small):
     """Stem of stride 4 and three stages of residual blocks, each of which begins as identity.
 
-    So it can begin with what a smaller one has learnt, as `training.widening` does.
+    So it can begin with what a smaller one has learnt, as `training.warm_start` does.
 
     References:
         Goyal et al. (2017), Accurate, large minibatch SGD, section 5.1 (the last scale is zero).

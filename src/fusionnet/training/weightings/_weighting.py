@@ -17,7 +17,12 @@ class Weighting(nn.Module):
 
     Args:
         names: Of the losses, the most important first.
+
+    Attributes:
+        ordered: Whether it puts the first loss before the others.
     """
+
+    ordered = False
 
     def __init__(self, names: Sequence[str]) -> None:
         super().__init__()
@@ -63,14 +68,18 @@ class GradientWeighting(Weighting):
     Args:
         names: Of the losses.
         aggregator: From the matrix of gradients, one row a loss, to one gradient.
+        ordered: Whether it puts the first loss before the others.
 
     References:
         Quinton and Rey (2024), Jacobian descent for multi-objective optimization.
     """
 
-    def __init__(self, names: Sequence[str], aggregator: Aggregator) -> None:
+    def __init__(
+        self, names: Sequence[str], aggregator: Aggregator, *, ordered: bool = False
+    ) -> None:
         super().__init__(names)
         self.aggregator = aggregator
+        self.ordered = ordered
 
     def differentiate(
         self, losses: Tensor, parameters: Sequence[nn.Parameter], backward: Backward

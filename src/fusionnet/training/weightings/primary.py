@@ -13,7 +13,7 @@ def primary(names: Sequence[str]) -> GradientWeighting:
     References:
         Priority-constrained descent (TMLR 2026), as implemented in TorchJD.
     """
-    return GradientWeighting(names, PCD())
+    return GradientWeighting(names, PCD(), ordered=True)
 
 
 WEIGHTING = primary
