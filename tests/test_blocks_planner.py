@@ -131,6 +131,15 @@ def test_a_sequence_is_one_move():
     assert planned(sequence, TABLE) == planned(onto("red prism", "blue cube"), TABLE)
 
 
+@pytest.mark.parametrize("columns", [(), ("44 green",)])
+def test_a_dropped_block_can_be_named_by_its_looks(columns):
+    holding = layout("43 blue", *columns, held="red")
+    drop = command("drop", entity("red cube"), relation("above", entity("blue cube")))
+    take = command("take", entity("red cube"))
+    move = planned(f"(sequence: {drop} {take})", holding)
+    assert move == Move(Cell(4, 4, 6), Cell(4, 3, 5), begins_held=True, ends_held=True)
+
+
 @pytest.mark.parametrize(
     ("text", "message"),
     [

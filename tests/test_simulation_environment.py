@@ -221,6 +221,24 @@ class TestServo:
         assert info["touched"] == () and info["seconds"] == len(seen) / 20
         assert len(set(seen)) > 50  # the picture changes with the motion
 
+    @pytest.mark.parametrize(
+        ("identity", "offset", "lands"),
+        [(8, (0.0, 0.0, 0.0119), True), (7, (0.013, 0.0, 0.01), False)],
+    )
+    def test_a_block_in_the_air_is_not_rewarded(self, identity, offset, lands):
+        servo = PickPlaceServo("gantry", size=(64, 36))
+        observation, _ = servo.reset(options={"command": identity})
+        command = servo.commands[identity]
+        move = plan(command.tree, command.scene.before)
+        here, place = observation["joint_positions"], servo.robot.joint_angles(move.target)
+        for there in ([*place[:2], here[2]], place + offset):
+            for share in np.linspace(0.0, 1.0, 13)[1:]:
+                servo.step(np.r_[here + share * (there - here), 1])
+            here = np.array(there)
+        rewards = [servo.step(np.r_[here, 0])[1] for _ in range(12)]
+        assert not any(rewards[:4])
+        assert any(rewards) == lands
+
     def test_an_idle_arm_is_cut_off_and_a_bad_target_refused(self, servo, monkeypatch):
         monkeypatch.setattr(servo_environment, "LONGEST", 0.1)
         observation, _ = servo.reset(seed=0)

@@ -133,6 +133,15 @@ def test_a_pinch_outside_the_gate_holds_nothing():
     assert 15.0 < episode.grasp_distance < 17.0
 
 
+def test_an_empty_hand_closed_beside_a_block_holds_nothing():
+    world = make_world("gantry", layout=Layout((block("cube_red", 3, 3, 0),)))
+    beside = world.robot.joint_angles(Cell(3, 3, 0)) + [0.0115, 0.0, 0.007]
+    world.drive(beside, False, 1.0)
+    world.drive(beside, True, 0.5)
+    assert world.hand_closed
+    assert world.layout.held is None
+
+
 @pytest.mark.parametrize(("offset", "holds"), [(0.011, True), (0.0145, False)])
 def test_the_gate_is_thirteen_millimetres_wide(offset, holds):
     world = make_world(layout=Layout((block("cube_red", 3, 3, 0),)))

@@ -138,7 +138,10 @@ def _several(what: str, entity_text: str, cells: list[Cell]) -> str:
 
 
 def _is_top(cell: Cell, grounding: Grounding) -> bool:
-    """Whether nothing rests on the block in a cell."""
+    """Whether nothing rests on the block in a cell: it was lifted, or is the top of its column."""
+    lifted = (grounding.held, grounding.moved)
+    if any(block is not None and block.cell == cell for block in lifted):
+        return True
     return grounding.columns[cell[:2]][-1].cell == cell
 
 

@@ -153,7 +153,8 @@ def measured_layout(
 ) -> Layout:
     """Each block in the cell where its centre is, and the hand in the cell of what it holds.
 
-    An empty hand is in the cell of the grid that is nearest to it.
+    An empty hand is in the cell of the grid that is nearest to it. A layout takes a block in a
+    closed hand's cell for held, so an empty hand counts as open in the cell of a block.
     """
     board_from_robot = invert(robot.robot_from_board)
     centers = apply(board_from_robot, poses.positions)
@@ -162,6 +163,7 @@ def measured_layout(
         below_pinch = np.array([0.0, 0.0, robot.pinch_clearance + BLOCK_SIZE / 2])
         near = cell_at(apply(board_from_robot, pinch) - below_pinch)
         hand = Cell(*(int(np.clip(c, 0, GRID - 1)) for c in near))
+        closed = closed and hand not in cells
     else:
         hand = cells[held]
     found = tuple(

@@ -16,6 +16,9 @@ RATE = 20
 LONGEST = 20.0
 """An episode is cut off after this many simulated seconds."""
 
+SETTLED = 0.2
+"""For this long every block must rest where it should, with the hand left as it is, in seconds."""
+
 
 class PickPlaceServo(PickPlace):
     """A sentence says which block to move where; every action moves the arm a little.
@@ -33,8 +36,8 @@ class PickPlaceServo(PickPlace):
     As `PickPlace`, with the hand beside the table (or around the block that it holds).
 
     ## Reward
-    1 in the step in which every block rests where the command wants it and the hand holds what
-    it should, else 0.
+    1 in the step in which every block has rested for 0.2 seconds where the command wants it, and
+    the hand has held what it should, without closing or opening; else 0.
 
     ## End
     Terminated with the reward; truncated after 400 steps (20 seconds). `info` has `success`,
@@ -52,12 +55,13 @@ class PickPlaceServo(PickPlace):
             {**self.observation_space.spaces, "gripper": gripper}  # type: ignore[attr-defined]
         )
         self._steps = 0
+        self._settled = 0
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[dict[str, Any], dict[str, Any]]:
         """Set up a command's layout; see `PickPlace.reset`."""
-        self._steps = 0
+        self._steps = self._settled = 0
         return super().reset(seed=seed, options=options)
 
     def step(
@@ -76,10 +80,15 @@ class PickPlaceServo(PickPlace):
                 f"An action is {len(self.robot.joint_names) + 1} finite numbers, "
                 f"{', '.join(self.robot.joint_names)} and the gripper; received {values.tolist()}."
             )
-        self._world.drive(values[:-1], bool(values[-1] >= 0.5), 1.0 / RATE)
+        closed = bool(values[-1] >= 0.5)
+        changes = closed != self._world.hand_closed
+        self._world.drive(values[:-1], closed, 1.0 / RATE)
         self._steps += 1
         wrong = self._world.differences(self._expected)
-        success = not wrong
+        self._settled = 0 if wrong or changes else self._settled + 1
+        success = self._settled >= round(SETTLED * RATE)
+        if not wrong and not success:
+            wrong = [f"every block has yet to rest for {SETTLED:g} seconds"]
         info = {
             "command": self._command.id,
             "success": success,
@@ -92,5 +101,5 @@ class PickPlaceServo(PickPlace):
 
     def _observation(self) -> dict[str, Any]:
         assert self._world is not None
-        closed = float(self._world.layout.gripper.closed)
+        closed = float(self._world.hand_closed)
         return {**super()._observation(), "gripper": np.array([closed])}

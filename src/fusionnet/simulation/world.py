@@ -145,6 +145,11 @@ class World:
         return self._hand.posture
 
     @property
+    def hand_closed(self) -> bool:
+        """Whether the hand is closed now, around a block or empty."""
+        return self._hand.closed
+
+    @property
     def block_poses(self) -> BlockPoses:
         """Where each block is now, in the robot frame (with `joint_angles` the whole state)."""
         return self._physics.block_poses(self._data.qpos)
