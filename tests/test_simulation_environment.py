@@ -14,6 +14,7 @@ from gymnasium.utils.env_checker import check_env
 
 from fusionnet.blocks import plan
 from fusionnet.errors import InputError, RenderingError
+from fusionnet.randomness import derived_seed
 from fusionnet.robots import ArmKinematics
 from fusionnet.simulation import joint_targets, servo_environment, viewer, world
 from fusionnet.simulation.environment import PickPlace
@@ -82,6 +83,13 @@ def test_the_external_camera_shows_the_world(environment):
     environment.reset(seed=0)
     assert environment.render().shape == (72, 128, 3)
     assert PickPlace(size=SIZE).render() is None
+
+
+def test_a_size_may_be_a_list_and_must_fit():
+    environment = PickPlace(size=[64, 36.0])
+    assert environment.reset(seed=0)[0]["left_eye"].shape == (36, 64, 3)
+    with pytest.raises(InputError, match="cannot have the size"):
+        PickPlace(size=(64, 0))
 
 
 def test_an_unknown_command_is_refused(environment):
@@ -276,6 +284,12 @@ def test_a_crashed_worker_is_reported_and_the_others_results_are_kept():
 
         _, _, terminated, truncated, infos = vector.step(np.stack([targets, targets]))
         assert not terminated.any() and not truncated.any()  # both begin anew
+        again = PickPlace(size=(64, 36)).reset(seed=derived_seed(7, "replacement", 1))[1]
+        assert infos["command"][0] == again["command"]
+        with pytest.raises(InputError, match="3 actions were given for 2 environments"):
+            vector.step(np.stack([targets] * 3))
+        with pytest.raises(InputError, match="1 seeds were given for 2 environments"):
+            vector.reset(seed=[7])
         _, _, _, truncated, infos = vector.step(np.stack([targets, np.full(14, np.nan)]))
         assert "finite" in infos["error"][1] and truncated.tolist() == [False, True]
     finally:

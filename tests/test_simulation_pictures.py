@@ -4,17 +4,20 @@ import gc
 import os
 import subprocess
 import sys
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
 
+from fusionnet import robots
 from fusionnet.blocks import CLASS_NAMES, Block, Cell, Color, Gripper, Layout, Shape, random_layout
 from fusionnet.errors import InputError, RenderingError, UnknownNameError
 from fusionnet.geometry import apply, invert
 from fusionnet.randomness import generator
-from fusionnet.simulation import Appearance, SceneRenderer
+from fusionnet.simulation import Appearance, SceneRenderer, World
 from fusionnet.simulation.renderer import EXTERNAL
 from fusionnet.simulation.tabletop import BLOCK_HALF
 
@@ -245,7 +248,33 @@ def test_an_unknown_camera_is_refused_with_a_hint(renderer):
         renderer.view(Layout(()), camera="left_eey")
 
 
-@pytest.mark.parametrize("size", [(0, 3), (-5, 5), (20000, 3)])
+def test_a_camera_is_known_before_the_first_picture():
+    renderer = SceneRenderer(size=(64, 36))
+    before = renderer.camera("left_eye").camera_from_robot
+    after = renderer.view(Layout(())).camera.camera_from_robot
+    renderer.close()
+    np.testing.assert_array_equal(before, after)
+
+
+def test_a_world_draws_the_very_robot_that_it_simulates(renderer):
+    nico = robots.load("nico")
+    other = replace(nico, head_angles={name: 0.0 for name in nico.head_angles})
+    seen = [World(robot, Layout(())).image("left_eye", [64, 36]) for robot in (nico, other)]
+    assert not np.array_equal(*seen)
+
+
+def test_a_picture_from_another_thread_is_refused_in_one_line(renderer):
+    def take():
+        with pytest.raises(RenderingError, match="it serves the thread that made it alone") as told:
+            renderer.view(Layout(()))
+        return str(told.value)
+
+    renderer.view(Layout(()))
+    with ThreadPoolExecutor(1) as pool:
+        assert "\n" not in pool.submit(take).result()
+
+
+@pytest.mark.parametrize("size", [(0, 3), (-5, 5), (20000, 3), (64.5, 36), (64,), (np.nan, 3)])
 def test_a_size_that_no_picture_can_have_is_refused(size):
     with pytest.raises(InputError, match="cannot have the size.*1 to 16384 pixels"):
         SceneRenderer(size=size)

@@ -1,8 +1,9 @@
 """The pick-and-place task as a Gymnasium environment."""
 
 import string
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, SupportsInt
 
 import gymnasium
 import numpy as np
@@ -15,6 +16,7 @@ from fusionnet.corpora import Command, executable, load_corpus
 from fusionnet.errors import InputError
 from fusionnet.randomness import derived_seed, generator
 from fusionnet.simulation.appearance import Appearance
+from fusionnet.simulation.renderer import picture_size
 from fusionnet.simulation.viewer import LiveViewer
 from fusionnet.simulation.world import World
 
@@ -60,7 +62,8 @@ class PickPlace(gymnasium.Env[dict[str, Any], np.ndarray]):
             the motion as it happens; needs a display) or None.
 
     Raises:
-        InputError: If there is no such render mode, or no executable command in the split.
+        InputError: If there is no such render mode, no executable command in the split, or no
+            picture of the size.
     """
 
     metadata = {"render_modes": ["rgb_array", "human"], "render_fps": 25}
@@ -71,7 +74,7 @@ class PickPlace(gymnasium.Env[dict[str, Any], np.ndarray]):
         corpus: str = "examples",
         data: Path | str | None = None,
         split: str | None = None,
-        size: tuple[int, int] = (960, 540),
+        size: Sequence[SupportsInt] = (960, 540),
         varied: bool = False,
         render_mode: str | None = None,
     ) -> None:
@@ -87,14 +90,14 @@ class PickPlace(gymnasium.Env[dict[str, Any], np.ndarray]):
                 f"The corpus {corpus!r} has no commands{part} that can be executed; name another."
             )
         self.commands: dict[int, Command] = {command.id: command for command in commands}
-        self.size = size
+        self.size = picture_size(size)
         self.varied = varied
         self.render_mode = render_mode
         low, high = self.robot.joint_limits.T
         self.action_space = spaces.Box(
             np.r_[low, 0.0, low, 0.0], np.r_[high, 1.0, high, 1.0], dtype=np.float64
         )
-        width, height = size
+        width, height = self.size
         picture = spaces.Box(0, 255, (height, width, 3), np.uint8)
         self.observation_space = spaces.Dict(
             {

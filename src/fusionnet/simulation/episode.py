@@ -36,7 +36,7 @@ class Phase:
 class Recording:
     """States of an episode, 25 a second, from which a film can be made."""
 
-    robot: str
+    robot: str | Robot
     blocks: tuple[Block, ...]
     postures: Float[np.ndarray, "t q"]
     positions: Float[np.ndarray, "t n 3"]

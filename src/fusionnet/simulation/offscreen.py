@@ -55,11 +55,16 @@ def _open_context(width: int, height: int) -> Any:
         context = importlib.import_module(f"mujoco.{name}").GLContext(width, height)
         context.make_current()
     except Exception as error:  # PyOpenGL raises half a dozen unrelated types here
-        reason = str(error).strip().splitlines()[0] if str(error).strip() else type(error).__name__
         raise RenderingError(
-            f"No picture can be rendered: the OpenGL backend {name!r} failed ({reason}). {REMEDY}"
+            f"No picture can be rendered: the OpenGL backend {name!r} failed ({_reason(error)})."
+            f" {REMEDY}"
         ) from error
     return context
+
+
+def _reason(error: Exception) -> str:
+    """The first line of an error's message, or its type's name if it has none."""
+    return (str(error).strip() or type(error).__name__).splitlines()[0]
 
 
 @cache
@@ -129,7 +134,7 @@ class Offscreen:
         """
         width, height = self.size
         buffer = np.empty((height, width), np.float32)
-        self._current().make_current()
+        self._make_current()
         mujoco.mjr_readPixels(None, buffer, self._rectangle, self._context)
         near, far = self._near, self._far
         # The buffer is 1 at the near end, 0 at the far one, and linear in 1 / depth.
@@ -154,16 +159,22 @@ class Offscreen:
     def _pixels(self, size: tuple[int, int] | None) -> UInt8[np.ndarray, "h w 3"]:
         width, height = size or self.size
         rectangle = mujoco.MjrRect(0, 0, width, height)
-        self._current().make_current()
+        self._make_current()
         mujoco.mjr_render(rectangle, self.scene, self._context)
         pixels = np.empty((height, width, 3), np.uint8)
         mujoco.mjr_readPixels(pixels, None, rectangle, self._context)
         return pixels[::-1]
 
-    def _current(self) -> Any:
+    def _make_current(self) -> None:
         if self._context is None:
             raise RenderingError("This renderer was closed; make a new one.")
-        return self._gl
+        try:
+            self._gl.make_current()
+        except Exception as error:
+            raise RenderingError(
+                f"This renderer takes no picture here ({_reason(error)}); it serves the thread"
+                " that made it alone."
+            ) from error
 
     def close(self) -> None:
         """Free the OpenGL context; nothing can be rendered after."""

@@ -1,7 +1,9 @@
 """Pictures of layouts with exact labels: what the robot sees before it moves (thesis 3.3.3)."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import SupportsInt
 
 import mujoco
 import numpy as np
@@ -107,7 +109,7 @@ class SceneRenderer:
     renderer as shapes for each picture, so that a new layout costs nothing but its shapes.
 
     Args:
-        robot: Name in the robots' catalogue.
+        robot: Who is seen, or the name in the robots' catalogue.
         size: Width and height of pictures, in pixels.
 
     Raises:
@@ -116,17 +118,13 @@ class SceneRenderer:
         InputError: If the size is not of two whole numbers from 1 to `LARGEST`.
     """
 
-    def __init__(self, robot: str = "nico", size: tuple[int, int] = (960, 540)) -> None:
-        if len(size) != 2 or not all(s == int(s) and 1 <= s <= LARGEST for s in size):
-            raise InputError(
-                f"A picture cannot have the size {tuple(size)}; give a width and a height of 1 to"
-                f" {LARGEST} pixels, such as (960, 540)."
-            )
-        self.robot: Robot = load(robot)
-        self.size = size
-        self.model = picture_model(robot, size)
+    def __init__(self, robot: str | Robot = "nico", size: Sequence[SupportsInt] = (960, 540)) -> None:
+        self.size = picture_size(size)
+        self.robot: Robot = load(robot) if isinstance(robot, str) else robot
+        self.model = picture_model(self.robot, self.size)
         self._data = mujoco.MjData(self.model)
-        self._offscreen = Offscreen(self.model, size)
+        self._pose(robot_posture(self.model, self.robot, Layout(())))
+        self._offscreen = Offscreen(self.model, self.size)
         self._option = mujoco.MjvOption()
         self._option.sitegroup[:] = 0
         self._option.geomgroup[HIDDEN_GROUP] = 0
@@ -188,9 +186,7 @@ class SceneRenderer:
         """
         appearance = appearance or Appearance()
         scene = self._offscreen.scene
-        self._data.qpos[:] = posture
-        mujoco.mj_kinematics(self.model, self._data)
-        mujoco.mj_camlight(self.model, self._data)
+        self._pose(posture)
         robot_from_board = self.robot.robot_from_board
         pinhole = self.camera(camera, appearance)
         radius = WIDE_SHADOW_RADIUS if camera == EXTERNAL else SHADOW_RADIUS
@@ -236,6 +232,8 @@ class SceneRenderer:
     def camera(self, name: str = "left_eye", appearance: Appearance | None = None) -> PinholeCamera:
         """The camera called `name`, as it stands in pictures of this appearance.
 
+        The robot is posed as in the last picture; before the first it waits beside the table.
+
         Raises:
             UnknownNameError: If there is no such camera.
         """
@@ -262,6 +260,12 @@ class SceneRenderer:
     def close(self) -> None:
         """Free the OpenGL context."""
         self._offscreen.close()
+
+    def _pose(self, posture: Float[np.ndarray, " q"]) -> None:
+        """Put the robot, its cameras and lights where a posture has them."""
+        self._data.qpos[:] = posture
+        mujoco.mj_kinematics(self.model, self._data)
+        mujoco.mj_camlight(self.model, self._data)
 
     def _region(self, camera: PinholeCamera, corners: Float[np.ndarray, "n 8 3"]) -> Region | None:
         """The part of the picture where blocks may be; all of it with one behind the camera."""
@@ -296,7 +300,36 @@ def visible_boxes(
     return visible, boxes
 
 
+def picture_size(size: Sequence[SupportsInt]) -> tuple[int, int]:
+    """Width and height of a picture as whole numbers, in pixels.
+
+    Raises:
+        InputError: If the size is not of two whole numbers from 1 to `LARGEST`.
+    """
+    try:
+        width, height = (int(side) for side in size)
+        fits = (width, height) == tuple(size) and 1 <= min(width, height)
+    except (TypeError, ValueError, OverflowError):
+        fits = False
+    if not fits or max(width, height) > LARGEST:
+        raise InputError(
+            f"A picture cannot have the size {size}; give a width and a height of 1 to"
+            f" {LARGEST} pixels, such as (960, 540)."
+        )
+    return width, height
+
+
+def shared_renderer(
+    robot: str | Robot = "nico", size: Sequence[SupportsInt] = (960, 540)
+) -> SceneRenderer:
+    """One renderer a robot and size; the four that were asked for last are kept.
+
+    Raises:
+        RenderingError: As `SceneRenderer`, and so for its other errors.
+    """
+    return _shared(load(robot) if isinstance(robot, str) else robot, picture_size(size))
+
+
 @lru_cache(maxsize=4)
-def shared_renderer(robot: str = "nico", size: tuple[int, int] = (960, 540)) -> SceneRenderer:
-    """One renderer a robot and size, kept for the life of the process."""
+def _shared(robot: Robot, size: tuple[int, int]) -> SceneRenderer:
     return SceneRenderer(robot, size)

@@ -36,16 +36,17 @@ _MATRIX = np.eye(3).ravel()
 
 @lru_cache(maxsize=4)
 def picture_model(
-    robot: str | None, size: tuple[int, int], shadow_pixels: int = SHADOW_PIXELS
+    robot: str | Robot | None, size: tuple[int, int], shadow_pixels: int = SHADOW_PIXELS
 ) -> mujoco.MjModel:
     """The robot alone with two lights, the pyramid's mesh, and settings for software rendering.
 
     Args:
-        robot: Name in the robots' catalogue; None for nobody at all.
+        robot: Who, or the name in the robots' catalogue; None for nobody at all.
         size: Width and height of the largest picture, in pixels.
         shadow_pixels: Edge of the shadow map.
     """
-    spec = mujoco.MjSpec() if robot is None else load(robot).spec()
+    robot = load(robot) if isinstance(robot, str) else robot
+    spec = mujoco.MjSpec() if robot is None else robot.spec()
     add_pyramid_mesh(spec, DRAWN_HALF)
     for shadow in (True, False):
         light = spec.worldbody.add_light()

@@ -13,6 +13,7 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space, concatenate, create_empty_array
 
 from fusionnet.errors import FusionNetError, InputError
+from fusionnet.randomness import derived_seed
 from fusionnet.simulation.environment import PickPlace
 from fusionnet.simulation.servo_environment import PickPlaceServo
 
@@ -26,7 +27,7 @@ class PickPlaceVector(VectorEnv[Any, Any, Any]):
     crashes, or refuses its action, is reported in `info["error"][i]`: its reward is 0, it is
     truncated, and its observation is empty (zeros); the others' results are kept. It begins
     anew with the next step, as every environment does that has ended; a dead process is
-    started again.
+    started again, and draws from a seed that follows from its last.
 
     The processes are spawned, as OpenGL does not survive a fork: a script makes this below
     `if __name__ == "__main__":`.
@@ -72,31 +73,49 @@ class PickPlaceVector(VectorEnv[Any, Any, Any]):
         seed: int | Sequence[int | None] | None = None,
         options: dict[str, Any] | None = None,
     ) -> tuple[Any, dict[str, Any]]:
-        """Begin everywhere; worker i with seed + i, or its own of a list of seeds."""
+        """Begin everywhere; worker i with seed + i, or its own of a list of seeds.
+
+        Raises:
+            InputError: If there is not one seed an environment.
+        """
         seeds: Sequence[int | None]
         if seed is None or isinstance(seed, int | np.integer):
             seeds = [None if seed is None else int(seed) + i for i in range(self.num_envs)]
         else:
             seeds = seed
+        self._check_count(len(seeds), "seeds")
         for worker, own in zip(self.workers, seeds, strict=True):
             worker.ask("reset", seed=own, options=options)
         observations, _, _, _, infos = self._answers(np.ones(self.num_envs, dtype=bool))
         return observations, infos
 
     def step(self, actions: Any) -> tuple[Any, Any, Any, Any, dict[str, Any]]:
-        """One step everywhere; environments that have ended begin anew and ignore their action."""
+        """One step everywhere; environments that have ended begin anew and ignore their action.
+
+        Raises:
+            InputError: If there is not one action an environment.
+        """
         begins = self._ended.copy()
-        for worker, action, begin in zip(self.workers, actions, begins, strict=True):
+        chosen = [np.asarray(action) for action in actions]
+        self._check_count(len(chosen), "actions")
+        for worker, action, begin in zip(self.workers, chosen, begins, strict=True):
             if begin:
                 worker.ask("reset")
             else:
-                worker.ask("step", np.asarray(action))
+                worker.ask("step", action)
         return self._answers(begins)
 
     def close_extras(self, **_: Any) -> None:
         """End all processes."""
         for worker in self.workers:
             worker.end()
+
+    def _check_count(self, count: int, what: str) -> None:
+        """Refuse a wrong number before any worker is asked: each must be asked and answer once."""
+        if count != self.num_envs:
+            raise InputError(
+                f"{count} {what} were given for {self.num_envs} environments; give one for each."
+            )
 
     def _answers(self, begins: np.ndarray) -> tuple[Any, Any, Any, Any, dict[str, Any]]:
         observations = []
@@ -128,13 +147,19 @@ class PickPlaceServoVector(PickPlaceVector):
 
 
 class _Worker:
-    """One process with one environment; started when it is first asked, and again if it died."""
+    """One process with one environment; started when it is first asked, and again if it died.
+
+    An environment that replaces one that died is seeded from the last seed that was given.
+    """
 
     def __init__(self, make: Callable[[], Any]) -> None:
         self._make = make
         self._process: Any = None
         self._pipe: Connection | None = None
         self._lost = ""
+        self._seed: int | None = None
+        self._replaced = False
+        self._replacements = 0
 
     @property
     def pid(self) -> int | None:
@@ -142,6 +167,8 @@ class _Worker:
 
     def ask(self, method: str, *words: Any, **named: Any) -> None:
         self._lost = ""
+        if method == "reset":
+            named["seed"] = self._next_seed(named.get("seed"))
         if self._process is None:
             context = multiprocessing.get_context("spawn")  # OpenGL does not survive a fork
             self._pipe, theirs = context.Pipe()
@@ -162,6 +189,9 @@ class _Worker:
             reply: Reply = self._pipe.recv()
         except (EOFError, OSError):
             return "error", self._bury()
+        if reply[0] == "broken":
+            self._replaced = True
+            return "error", *reply[1:]
         return reply
 
     def end(self) -> None:
@@ -175,9 +205,20 @@ class _Worker:
         self._process.join(5.0)
         self._bury()
 
+    def _next_seed(self, given: int | None) -> int | None:
+        """What a reset is seeded with: as given, or new if the environment replaces another."""
+        replaced, self._replaced = self._replaced, False
+        if given is not None:
+            self._seed, self._replacements = int(given), 0
+        elif replaced and self._seed is not None:
+            self._replacements += 1
+            return derived_seed(self._seed, "replacement", self._replacements)
+        return given
+
     def _bury(self) -> str:
         """Give the process up; a sentence that says how it ended."""
         process, self._process = self._process, None
+        self._replaced = True
         process.join(1.0)
         if process.is_alive():
             process.kill()
@@ -205,5 +246,5 @@ def _work(pipe: Connection, make: Callable[[], Any]) -> None:
         except FusionNetError as error:
             pipe.send(("error", str(error)))
         except Exception:
-            pipe.send(("error", traceback.format_exc()))
+            pipe.send(("broken", traceback.format_exc()))
             environment = None

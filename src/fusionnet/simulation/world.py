@@ -1,7 +1,7 @@
 """A table, blocks and a robot that does what fourteen numbers tell it."""
 
 from collections.abc import Sequence
-from typing import Any, Literal, Protocol, runtime_checkable
+from typing import Any, Literal, Protocol, SupportsInt, runtime_checkable
 
 import mujoco
 import numpy as np
@@ -155,12 +155,13 @@ class World:
         return self._physics.block_poses(self._data.qpos)
 
     def image(
-        self, camera: str = "left_eye", size: tuple[int, int] = (960, 540)
+        self, camera: str = "left_eye", size: Sequence[SupportsInt] = (960, 540)
     ) -> UInt8[np.ndarray, "h w 3"]:
-        """What a camera sees now.
+        """What a camera sees now; the first picture's thread takes all of them.
 
         Raises:
-            RenderingError: If there is no working OpenGL.
+            RenderingError: If there is no working OpenGL, or another thread took pictures.
+            InputError: If no picture can have the size.
             UnknownNameError: If there is no such camera.
         """
         return self._view(camera, size).image
@@ -168,7 +169,7 @@ class World:
     def view(
         self,
         camera: str = "left_eye",
-        size: tuple[int, int] = (960, 540),
+        size: Sequence[SupportsInt] = (960, 540),
         *,
         masks: bool = False,
         depth: bool = False,
@@ -182,7 +183,8 @@ class World:
             depth: Whether it is wanted how far what is seen in each pixel is.
 
         Raises:
-            RenderingError: If there is no working OpenGL.
+            RenderingError: If there is no working OpenGL, or another thread took pictures.
+            InputError: If no picture can have the size.
             UnknownNameError: If there is no such camera.
         """
         return self._view(camera, size, labels=True, masks=masks, depth=depth)
@@ -351,12 +353,12 @@ class World:
     def _view(
         self,
         camera: str,
-        size: tuple[int, int],
+        size: Sequence[SupportsInt],
         labels: bool = False,
         masks: bool = False,
         depth: bool = False,
     ) -> View:
-        renderer = shared_renderer(self.robot.name, size)
+        renderer = shared_renderer(self.robot, size)
         posture = self._data.qpos[: self._physics.robot_positions]
         poses, look = self.block_poses, self.appearance
         return renderer.draw(posture, self.blocks, poses, camera, look, labels, masks, depth)
@@ -365,7 +367,7 @@ class World:
         frames = np.array(self._hand.frames)
         poses = [self._physics.block_poses(frame) for frame in frames]
         return Recording(
-            robot=self.robot.name,
+            robot=self.robot,
             blocks=self.blocks,
             postures=frames[:, : self._physics.robot_positions],
             positions=np.array([p.positions for p in poses], dtype=np.float32),
