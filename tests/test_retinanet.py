@@ -192,3 +192,14 @@ def test_other_classes_are_named(tmp_path):
     (tmp_path / CONFIG_FILE).write_text(json.dumps(document))
     with pytest.raises(CheckpointError, match="classes differ"):
         RetinaNet.from_folder(tmp_path)
+
+
+@pytest.mark.parametrize(("part", "value"), [("boxes", 3), ("width", 2**40)])
+def test_a_damaged_configuration_is_named(part, value, tmp_path):
+    tiny().save(tmp_path, {})
+    document = json.loads((tmp_path / CONFIG_FILE).read_text())
+    assert part in document["config"]
+    document["config"][part] = value
+    (tmp_path / CONFIG_FILE).write_text(json.dumps(document))
+    with pytest.raises(CheckpointError, match="has a configuration that cannot be used"):
+        RetinaNet.from_folder(tmp_path)

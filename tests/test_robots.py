@@ -9,10 +9,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fusionnet import robots
-from fusionnet.blocks.grid import BLOCK_SIZE
+from fusionnet.blocks import apply
+from fusionnet.blocks.grid import BLOCK_SIZE, Block, Cell, Color, Layout, Move, Shape
 from fusionnet.catalogue import Catalogue
-from fusionnet.errors import DataError, InputError, UnknownNameError
+from fusionnet.errors import DataError, InputError, RenderingError, UnknownNameError
 from fusionnet.randomness import generator
+from fusionnet.simulation import World, joint_targets
 
 every_robot = pytest.mark.parametrize("name", robots.names())
 
@@ -224,6 +226,9 @@ def test_a_model_without_its_parts_names_them(tmp_path):
         ("\nROBOT = (", r"'\(' was never closed \(.*zoo.mine.__init__.py, line 2\)"),
         ("from json import nothing", r"cannot import name 'nothing'.*__init__.py, line 1\)"),
         ("\n\nROBOT = Robot()", r"'Robot' is not defined \(.*__init__.py, line 3\)"),
+        ("\nx = {}['arm']", r"KeyError.'arm'. \(.*__init__.py, line 2\)"),
+        ("int('six')", r"invalid literal .* \(.*__init__.py, line 1\)"),
+        ("open('/no/such/table')", r"No such file .* \(.*__init__.py, line 1\)"),
         ("ROBBOT = 1", "__init__.py lacks ROBOT; define it there"),
     ],
 )
@@ -264,6 +269,48 @@ def test_joints_that_nobody_mentions_are_frozen_at_zero(tmp_path):
     named = renamed(nico, tmp_path, head_angles={}, resting_angles=zeros).spec().compile()
     assert frozen.njnt == len(nico.joint_names) + len(nico.finger_positions)
     np.testing.assert_array_equal(frozen.body_quat, named.body_quat)
+
+
+def test_a_models_own_parts_are_no_obstacle(tmp_path):
+    gantry = robots.load("gantry")
+    text = gantry.model_file.read_text()
+    lever = '<body pos="0 0.2 0"><joint/><geom size="0.01" mass="0.1"/></body>'
+    parts = """
+      <equality>
+        <joint joint1="finger_left" joint2="finger_right" polycoef="0 -1 0 0 0"/>
+        <joint joint1="finger_left" joint2="spare"/>
+      </equality>
+      <tendon><fixed name="grip"><joint joint="finger_left" coef="1"/></fixed></tendon>
+      <sensor><jointpos joint="gantry_z"/><jointpos joint="spare"/></sensor>
+      <keyframe><key name="home" qpos="0 0 0 0 0 0 0"/></keyframe>
+    """
+    spare = '<body><joint name="spare" type="slide"/><geom size="0.01" mass="0.1"/></body>'
+    text = text.replace('<body name="head"', f'<light pos="0 0 2"/>{lever}{spare}<body name="head"')
+    text = text.replace("</actuator>", '<position joint="spare" name="spare"/></actuator>')
+    robot = renamed(gantry, tmp_path)
+    robot.model_file.write_text(text.replace("</mujoco>", f"{parts}</mujoco>"))
+    robots.save_joint_table(robot, gantry.joint_table)
+    block = Block(Color.RED, Shape.CUBE, Cell(3, 3, 0))
+    layout, move = Layout((block,)), Move(block.cell, Cell(3, 4, 0))
+    world = World(robot, layout)
+    targets = joint_targets(robot, move)
+    episode = world.execute(targets, expected=apply(move, layout))
+    assert episode.success and not episode.stopped, episode.reason
+    try:
+        picture = world.image("left_eye", (64, 36))
+    except RenderingError as error:
+        pytest.skip(f"no pictures here: {error}")
+    assert picture.any()
+
+
+def test_a_name_that_the_world_needs_is_refused_in_one_line(tmp_path):
+    gantry = robots.load("gantry")
+    robot = renamed(gantry, tmp_path)
+    text = gantry.model_file.read_text()
+    robot.model_file.write_text(text.replace('<geom class="trunk"', '<geom name="floor"', 1))
+    with pytest.raises(DataError, match="robot 'mine' cannot be compiled.*floor") as refused:
+        World(robot, Layout(()))
+    assert "\n" not in str(refused.value)
 
 
 def test_a_missing_or_foreign_table_is_refused(tmp_path):

@@ -11,7 +11,7 @@ import pkgutil
 import traceback
 from typing import Any
 
-from fusionnet.errors import DataError, UnknownNameError
+from fusionnet.errors import DataError, FusionNetError, UnknownNameError
 
 
 def did_you_mean(name: str, known: list[str]) -> str:
@@ -50,7 +50,7 @@ class Catalogue:
         Raises:
             UnknownNameError: If there is none; the message lists what there is.
             DataError: If its module is broken or lacks the object; the message has the file, the
-                line and the reason.
+                line and the reason. An error of ours that the module raises passes as it is.
         """
         known = self.names()
         if name not in known:
@@ -61,7 +61,9 @@ class Catalogue:
         module_name = f"{self.package}.{name}"
         try:
             module = importlib.import_module(module_name)
-        except (SyntaxError, ImportError, NameError, AttributeError, TypeError) as error:
+        except FusionNetError:
+            raise
+        except Exception as error:
             raise DataError(
                 f"The {self.kind} {name!r} cannot be loaded: {_reason(error)}."
             ) from error
@@ -78,4 +80,5 @@ def _reason(error: Exception) -> str:
     if isinstance(error, SyntaxError) and error.filename:
         return f"{error.msg} ({error.filename}, line {error.lineno})"
     frames = [f for f in traceback.extract_tb(error.__traceback__) if "<frozen" not in f.filename]
-    return f"{error} ({frames[-1].filename}, line {frames[-1].lineno})"
+    said = repr(error) if isinstance(error, KeyError) or not str(error) else str(error)
+    return f"{said} ({frames[-1].filename}, line {frames[-1].lineno})"

@@ -322,7 +322,7 @@ class RetinaNet(nn.Module):
         checkpoint = load_checkpoint(folder, KIND)
         try:
             model = cls(RetinaNetConfig.from_json(checkpoint.config))
-        except (TypeError, KeyError, ValueError, LookupError) as error:
+        except (TypeError, ValueError, LookupError, AttributeError, RuntimeError) as error:
             raise CheckpointError(
                 f"The detector in {folder} has a configuration that cannot be used: {error}"
             ) from error

@@ -12,7 +12,7 @@ from fusionnet.robots._joint_table import (
     save_joint_table,
 )
 from fusionnet.robots._kinematics import ArmKinematics
-from fusionnet.robots._model import CollisionBit
+from fusionnet.robots._model import CollisionBit, compiled, model_errors
 from fusionnet.robots._robot import Robot, TableTop
 
 _CATALOGUE = Catalogue("fusionnet.robots", kind="robot", attribute="ROBOT")
@@ -39,9 +39,11 @@ __all__ = [
     "Robot",
     "TableQuality",
     "TableTop",
+    "compiled",
     "load",
     "make_joint_table",
     "measure_joint_table",
+    "model_errors",
     "names",
     "save_joint_table",
 ]

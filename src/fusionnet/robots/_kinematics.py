@@ -4,6 +4,7 @@ import mujoco
 import numpy as np
 from jaxtyping import Float
 
+from fusionnet.robots._model import compiled
 from fusionnet.robots._robot import Robot
 
 
@@ -70,12 +71,19 @@ class ArmKinematics:
 def _skeleton(robot: Robot) -> mujoco.MjModel:
     """The robot's model without shapes and finger joints, which only cost time here."""
     spec = robot.spec()
+    for element in (
+        *spec.sensors,
+        *spec.actuators,
+        *spec.equalities,
+        *spec.tendons,
+        *spec.pairs,
+    ):
+        spec.delete(element)
     for name in robot.finger_positions:
-        spec.delete(spec.actuator(name))
         spec.delete(spec.joint(name))
     for body in spec.bodies[1:]:
         if not body.explicitinertial:
             body.explicitinertial, body.mass, body.inertia = True, 1.0, np.ones(3)
     for geom in spec.geoms:
         spec.delete(geom)
-    return spec.compile()
+    return compiled(spec, robot.name)

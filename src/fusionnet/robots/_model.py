@@ -1,6 +1,7 @@
 """Reading a robot's MJCF: what it must hold, and freezing the joints that are not used."""
 
-from collections.abc import Iterable, Mapping, Set
+from collections.abc import Iterable, Iterator, Mapping, Set
+from contextlib import contextmanager
 from enum import IntFlag
 from pathlib import Path
 
@@ -36,7 +37,9 @@ def read_model(file: Path, robot: str) -> mujoco.MjSpec:
     try:
         return mujoco.MjSpec.from_file(str(file))
     except (ValueError, OSError) as error:
-        raise DataError(f"The model of robot {robot!r} cannot be read: {error}") from error
+        raise DataError(
+            f"The model of robot {robot!r} cannot be read: {_in_one_line(error)}"
+        ) from error
 
 
 def compiled(spec: mujoco.MjSpec, robot: str) -> mujoco.MjModel:
@@ -45,10 +48,27 @@ def compiled(spec: mujoco.MjSpec, robot: str) -> mujoco.MjModel:
     Raises:
         DataError: If MuJoCo cannot compile it; the message has its reason.
     """
-    try:
+    with model_errors(robot):
         return spec.compile()
+
+
+@contextmanager
+def model_errors(robot: str) -> Iterator[None]:
+    """Turn what MuJoCo refuses, while a model is added to or compiled, into one line.
+
+    Raises:
+        DataError: For MuJoCo's ValueError; the message has its reason.
+    """
+    try:
+        yield
     except ValueError as error:
-        raise DataError(f"The model of robot {robot!r} cannot be compiled: {error}") from error
+        raise DataError(
+            f"The model of robot {robot!r} cannot be compiled: {_in_one_line(error)}"
+        ) from error
+
+
+def _in_one_line(error: Exception) -> str:
+    return " ".join(str(error).split())
 
 
 def check_parts(
@@ -83,10 +103,13 @@ def freeze(
 ) -> None:
     """Fix every joint that does not move: put its body there and delete the joint.
 
+    What drives, couples or measures such a joint goes with it, and so do keyframes.
+
     Args:
         spec: Changed in place.
         robot: Name, for messages.
-        values: Joint values [rad, or m for slides]; 0 for joints not named.
+        values: Joint values [rad, or m for slides]; 0 for joints not named. Balls and free
+            joints stay where the model has them.
         moving: Joints that stay.
 
     Raises:
@@ -96,12 +119,14 @@ def freeze(
     data = mujoco.MjData(model)
     joints = [joint for joint in spec.joints if joint.name not in moving]
     for joint in joints:
-        data.joint(joint.name).qpos = values.get(joint.name, 0.0)
+        if joint.type in (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE):
+            data.qpos[model.jnt_qposadr[joint.id]] = values.get(joint.name, 0.0)
     mujoco.mj_kinematics(model, data)
+    _uncouple(spec, {joint.name for joint in joints} - {""})
     for joint in joints:
         body = joint.parent
-        posed = data.body(body.name)
-        parent = model.body_parentid[posed.id]
+        posed = data.body(body.id)
+        parent = model.body_parentid[body.id]
         parent_from_robot, position, quaternion = np.zeros(4), np.zeros(3), np.zeros(4)
         mujoco.mju_negQuat(parent_from_robot, data.xquat[parent])
         mujoco.mju_rotVecQuat(position, posed.xpos - data.xpos[parent], parent_from_robot)
@@ -109,3 +134,24 @@ def freeze(
         body.alt.type = mujoco.mjtOrientation.mjORIENTATION_QUAT
         body.pos, body.quat = position, quaternion
         spec.delete(joint)
+
+
+def _uncouple(spec: mujoco.MjSpec, joints: Set[str]) -> None:
+    """Delete what refers to joints that are about to be deleted."""
+    driven = (mujoco.mjtTrn.mjTRN_JOINT, mujoco.mjtTrn.mjTRN_JOINTINPARENT)
+    unwanted = [
+        *(each for each in spec.actuators if each.trntype in driven and each.target in joints),
+        *(
+            each
+            for each in spec.equalities
+            if each.type == mujoco.mjtEq.mjEQ_JOINT and joints & {each.name1, each.name2}
+        ),
+        *(
+            each
+            for each in spec.sensors
+            if each.objtype == mujoco.mjtObj.mjOBJ_JOINT and each.objname in joints
+        ),
+        *spec.keys,
+    ]
+    for element in unwanted:
+        spec.delete(element)

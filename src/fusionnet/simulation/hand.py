@@ -127,9 +127,11 @@ class Hand:
 
     def push(self) -> float:
         """Force with which the hand, or the block in it, pushes on something, in newtons."""
-        force = float(self.data.sensordata[0])
-        if self.held is not None and self.data.ne >= 3:
-            force = max(force, float(np.linalg.norm(self.data.efc_force[:3])))
+        force = float(self.data.sensordata[self.physics.touch])
+        if self.held is not None:
+            ties = self.data.efc_id[: self.data.ne] == self.physics.hold  # equalities come first
+            pull = self.data.efc_force[: self.data.ne][ties]
+            force = max(force, float(np.linalg.norm(pull)))
         return force
 
     def lean(self) -> Float[np.ndarray, "2"]:
@@ -171,7 +173,7 @@ class Hand:
         self.closed = False
         self._command_fingers(False)
         if self.held is not None:
-            self.data.eq_active[0] = 0
+            self.data.eq_active[self.physics.hold] = 0
             self.data.xfrc_applied[self.physics.blocks[self.held]] = 0.0
             self.physics.let_touch_hand(self.held, True)
             self.held = None
@@ -182,11 +184,11 @@ class Hand:
         physics, data = self.physics, self.data
         model, body = physics.model, physics.blocks[block]
         palm = model.site_bodyid[physics.pinch]
-        model.eq_obj2id[0] = body
+        model.eq_obj2id[physics.hold] = body
         for anchor, owner in ((slice(0, 3), palm), (slice(3, 6), body)):
             rotation = data.xmat[owner].reshape(3, 3)
-            model.eq_data[0, anchor] = rotation.T @ (self.pinch - data.xpos[owner])
-        data.eq_active[0] = 1
+            model.eq_data[physics.hold, anchor] = rotation.T @ (self.pinch - data.xpos[owner])
+        data.eq_active[physics.hold] = 1
         physics.let_touch_hand(block, False)
         self._held_orientation = data.xquat[body].copy()
         self.held, self.closed = block, True

@@ -21,7 +21,7 @@ import numpy as np
 from jaxtyping import Float
 
 from fusionnet.blocks.grid import Block, Layout, Shape
-from fusionnet.robots import ArmKinematics, CollisionBit, Robot
+from fusionnet.robots import ArmKinematics, CollisionBit, Robot, model_errors
 from fusionnet.simulation.appearance import BLOCK_COLORS
 from fusionnet.simulation.tabletop import (
     BLOCK_HALF,
@@ -54,6 +54,9 @@ UPRIGHT_DAMPING = 3.5e-4
 HIDDEN_GROUP = 4
 """Of what is there for contacts only; viewers draw what is to be looked at (`scenery`)."""
 
+HOLD, TOUCH = "hold", "touch"
+"""Names of the tie between hand and block, and of the sensor at the pinch."""
+
 _WORLD = int(CollisionBit.WORLD)
 _BLOCK = int(CollisionBit.BLOCK)
 _PROBE = int(CollisionBit.PROBE)
@@ -83,6 +86,8 @@ class Physics:
         robot_positions: How many of `qpos` are the robot's.
         lead: Seconds by which a servo lags behind a moving target; commands lead by as much.
         pinch: Site of the pinch.
+        hold: The equality that ties a block to the pinch; -1 where there are no blocks.
+        touch: Address in `sensordata` of the force on the ball at the pinch.
         blocks: Body of each block of the layout.
         block_positions: Address in `qpos` of each block's position and quaternion.
         block_velocities: Address in `qvel` of each block's six velocities.
@@ -97,6 +102,8 @@ class Physics:
     robot_positions: int
     lead: Float[np.ndarray, " n"]
     pinch: int
+    hold: int
+    touch: int
     blocks: np.ndarray
     block_positions: np.ndarray
     block_velocities: np.ndarray
@@ -130,8 +137,24 @@ def build_physics(
         robot: Who acts.
         layout: Blocks in their cells.
         shifts: Displacement of each block from its cell along x and y of the board, in metres.
+
+    Raises:
+        DataError: If the robot's model cannot be compiled with what the world adds to it.
     """
     spec = robot.spec()
+    with model_errors(robot.name):
+        _furnish(spec, robot, layout, shifts)
+        model = spec.compile()
+    return _located(robot, model, len(layout.blocks))
+
+
+def _furnish(
+    spec: mujoco.MjSpec,
+    robot: Robot,
+    layout: Layout,
+    shifts: Float[np.ndarray, "n 2"] | None,
+) -> None:
+    """Add the table, the blocks and the grasp model to a robot."""
     _set_options(spec)
     probe = spec.site("pinch").parent.add_geom(
         name="probe", type=mujoco.mjtGeom.mjGEOM_SPHERE, size=[PROBE_RADIUS, 0, 0]
@@ -154,7 +177,6 @@ def build_physics(
     for name in robot.joint_names:
         spec.actuator(name).forcerange = [-TORQUE_LIMIT, TORQUE_LIMIT]
         spec.actuator(name).forcelimited = True
-    return _located(robot, spec.compile(), len(layout.blocks))
 
 
 @lru_cache(maxsize=16)
@@ -215,7 +237,7 @@ def _add_hold(spec: mujoco.MjSpec, blocks: int) -> None:
     """The tie between hand and block; which block it ties is set when the hand closes."""
     if blocks == 0:
         return
-    hold = spec.add_equality(name="hold", type=mujoco.mjtEq.mjEQ_CONNECT, active=False)
+    hold = spec.add_equality(name=HOLD, type=mujoco.mjtEq.mjEQ_CONNECT, active=False)
     hold.objtype = mujoco.mjtObj.mjOBJ_BODY
     hold.name1, hold.name2 = spec.site("pinch").parent.name, "block 0"
     hold.solref = [0.006, 1.0]
@@ -226,7 +248,7 @@ def _add_touch(spec: mujoco.MjSpec) -> None:
     pinch = spec.site("pinch")
     skin = pinch.parent.add_site(name="skin", pos=pinch.pos, size=[PROBE_RADIUS * 1.5, 0, 0])
     skin.group = HIDDEN_GROUP
-    sensor = spec.add_sensor(name="touch", type=mujoco.mjtSensor.mjSENS_TOUCH)
+    sensor = spec.add_sensor(name=TOUCH, type=mujoco.mjtSensor.mjSENS_TOUCH)
     sensor.objtype, sensor.objname = mujoco.mjtObj.mjOBJ_SITE, "skin"
 
 
@@ -246,6 +268,8 @@ def _located(robot: Robot, model: mujoco.MjModel, count: int) -> Physics:
         robot_positions=model.nq - 7 * count,
         lead=(joint_damping - model.actuator_biasprm[actuators, 2]) / stiffness,
         pinch=model.site("pinch").id,
+        hold=model.equality(HOLD).id if count else -1,
+        touch=int(model.sensor(TOUCH).adr[0]),
         blocks=bodies,
         block_positions=model.jnt_qposadr[joints].astype(int),
         block_velocities=model.jnt_dofadr[joints].astype(int),

@@ -8,7 +8,7 @@ from jaxtyping import Float
 
 from fusionnet.blocks.grid import BLOCK_SIZE, GRID, Block, Shape
 from fusionnet.geometry import PinholeCamera, apply, rotation_from_quaternion
-from fusionnet.robots import Robot, load
+from fusionnet.robots import Robot, compiled, load
 from fusionnet.simulation.appearance import BLOCK_COLORS, Appearance
 from fusionnet.simulation.tabletop import (
     BOARD_SIZE,
@@ -38,7 +38,7 @@ _MATRIX = np.eye(3).ravel()
 def picture_model(
     robot: str | Robot | None, size: tuple[int, int], shadow_pixels: int = SHADOW_PIXELS
 ) -> mujoco.MjModel:
-    """The robot alone with two lights, the pyramid's mesh, and settings for software rendering.
+    """The robot alone with two lights in place of its own, the pyramid's mesh, and settings for software rendering.
 
     Args:
         robot: Who, or the name in the robots' catalogue; None for nobody at all.
@@ -48,6 +48,8 @@ def picture_model(
     robot = load(robot) if isinstance(robot, str) else robot
     spec = mujoco.MjSpec() if robot is None else robot.spec()
     add_pyramid_mesh(spec, DRAWN_HALF)
+    for light in spec.lights:
+        spec.delete(light)
     for shadow in (True, False):
         light = spec.worldbody.add_light()
         light.type = mujoco.mjtLightType.mjLIGHT_DIRECTIONAL
@@ -61,7 +63,7 @@ def picture_model(
     visual.map.shadowclip = SHADOW_RADIUS
     visual.map.znear = 0.05
     visual.map.zfar = 12.0
-    return spec.compile()
+    return spec.compile() if robot is None else compiled(spec, robot.name)
 
 
 HIDDEN_GROUP = 5
