@@ -17,6 +17,11 @@ TRAIN = ["train", "translator", "--corpus", "synthetic"]
         (["evaluate", "translator", "--beam", "0"], "beam goes from 1 to 100"),
         (["evaluate", "translator", "--perturbations", "9"], "received 10, 9 and 0"),
         (["translate", "take the red cube", "--beam", "0"], "A beam is 1 to 100 wide"),
+        (["robot", "table", "--check", "--rounds", "9"], "--rounds would do nothing"),
+        (
+            ["robot", "look", "--out", "O", "--layout", "L", "--seed", "1"],
+            "--layout and --seed name two worlds",
+        ),
         (["train", "fusion", "--pictures", "0"], "pictures are at least 1; received 64, 1 and 0"),
     ],
 )

@@ -73,13 +73,17 @@ def test_files_give_the_layout_back(tmp_path):
     write_layout(layout, tmp_path / "layout.json")
     assert read_layout(tmp_path / "layout.json") == layout
     assert [path.name for path in tmp_path.iterdir()] == ["layout.json"]
+    (tmp_path / "usual").touch()
+    modes = [(tmp_path / name).stat().st_mode for name in ("layout.json", "usual")]
+    assert modes[0] == modes[1]
     write_layout(Layout(()), tmp_path / "empty.json")
     assert read_layout(tmp_path / "empty.json") == Layout(())
 
 
 def test_a_file_that_cannot_be_written(tmp_path):
-    with pytest.raises(OutputError, match="cannot be written"):
-        write_layout(Layout(()), tmp_path / "missing" / "layout.json")
+    (tmp_path / "file").touch()
+    with pytest.raises(OutputError, match="Cannot write"):
+        write_layout(Layout(()), tmp_path / "file" / "layout.json")
 
 
 def block(color="red", shape="cube", cell=(0, 0, 0)):

@@ -117,6 +117,7 @@ def test_standard_input_may_hold_any_bytes_and_speak_of_a_scene(capsys, monkeypa
         ([""], "empty"),
         (["pick up the xyzzy"], "'xyzzy'"),
         (["pick up the cube", "--beam", "0"], "beam"),
+        (["pick up the cube", "--count", "0"], "At least 1 reading is shown"),
         (["pick up the cube", "--scene", "99999"], "No scene 99999"),
         (["pick up the cube", "--corpus", "treebank"], "Without a scene --corpus treebank would"),
         (["pick up the cube", "--data", "here"], "Without a scene --data here would"),

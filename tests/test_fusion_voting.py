@@ -147,6 +147,9 @@ def test_bad_arrays_are_refused() -> None:
         likely_layout(occupancy(), 1.5)
     with pytest.raises(InputError, match="probabilities"):
         likely_layout(np.full((8, 8, 8, 17), np.nan), 0.0)
+    for beyond in (-0.2, 1.2):
+        with pytest.raises(InputError, match="probabilities"):
+            likely_layout(occupancy(c123={RED: beyond}), 0.0)
     with pytest.raises(InputError, match="no reading"):
         vote(occupancy(), 0.0, [], np.random.default_rng(0))
 

@@ -8,7 +8,7 @@ import torch
 
 from fusionnet.blocks import Cell, plan
 from fusionnet.corpora import load_corpus
-from fusionnet.errors import CheckpointError, PlanningError
+from fusionnet.errors import CheckpointError, InputError, PlanningError
 from fusionnet.models.checkpoint import save_checkpoint
 from fusionnet.models.fusionnet import FusionNet, compact
 from fusionnet.models.program_pack import pack
@@ -103,6 +103,8 @@ def test_readings_are_weighed_and_senseless_ones_left_out(taught: FusionNet) -> 
     both = taught(occupancy[0], float(holding[0]), [(nonsense, 0.9), (tree, 0.1)])
     assert both.weights == pytest.approx((1.0,))
     assert np.array_equal(alone.targets, both.targets)
+    with pytest.raises(InputError, match="There is no reading"):
+        taught(occupancy[0], float(holding[0]), [])
     with pytest.raises(PlanningError, match="not one block"):
         taught(occupancy[0], 0.0, [(nonsense, 1.0)])
 

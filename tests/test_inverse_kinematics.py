@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from fusionnet import robots
+from fusionnet.blocks import BLOCK_SIZE
 from fusionnet.errors import InputError, UnreachableError
 from fusionnet.randomness import generator
 from fusionnet.simulation.inverse_kinematics import InverseKinematics
@@ -125,3 +126,12 @@ class TestOrientation:
         upwards = np.eye(3)
         with pytest.raises(UnreachableError, match="with the asked orientation.*degrees too far"):
             self.inverse.solve(target, rotation=upwards)
+
+
+def test_without_a_step_the_start_is_measured(robot):
+    still = InverseKinematics(robot, iterations=0, attempts=1)
+    start = robot.joint_angles((3, 3, 0))
+    np.testing.assert_array_equal(still.solve(robot.pinch_position((3, 3, 0)), start=start), start)
+    with pytest.raises(UnreachableError) as missed:
+        still.solve(robot.pinch_position((3, 3, 1)), start=start)
+    assert missed.value.residual > BLOCK_SIZE - 2e-4

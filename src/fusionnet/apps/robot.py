@@ -32,6 +32,13 @@ class TableConfig:
     check: bool = False
     """Only measure the table that the package holds, and write nothing."""
 
+    def __post_init__(self) -> None:
+        """Refuse rounds of a table that is not made."""
+        if self.check and self.rounds != TableConfig.rounds:
+            raise InputError(
+                "With --check no table is made and --rounds would do nothing; leave one of them out."
+            )
+
 
 def table(config: TableConfig) -> dict[str, Any]:
     """Make the table of joint angles for each of the 512 cells, and measure it.
@@ -85,7 +92,9 @@ class LookConfig:
     """Width and height, in pixels."""
 
     def __post_init__(self) -> None:
-        """Refuse pictures that cannot be drawn."""
+        """Refuse pictures that cannot be drawn, and a seed of blocks that are given."""
+        if self.layout is not None and self.seed != LookConfig.seed:
+            raise InputError("--layout and --seed name two worlds; give one of them.")
         if not 1 <= min(self.size) <= max(self.size) <= LARGEST:
             raise InputError(
                 f"A picture's sides are 1 to {LARGEST} pixels; received {self.size[0]} x "

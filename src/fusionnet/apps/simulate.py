@@ -104,8 +104,8 @@ class Task:
 def simulate(config: SimulateConfig) -> int:
     """Let the simulated arm do a scene's move, given joint angles, or a recorded run again.
 
-    No network is used. Without options it does the move of the examples' first scene, by
-    inverse kinematics. Exit status 1 means that the world did not end as it should.
+    No network is used. Without options it does the move of the examples' first scene, with the
+    angles of the robot's joint table. Exit status 1 means that the world did not end as it should.
     """
     task = _task(config)
     recorded = task.recorded
@@ -168,6 +168,7 @@ def _task(config: SimulateConfig) -> Task:
     if len(given) > 1:
         shown = " and ".join("RESULT" if n == "recording" else f"--{n}" for n in given)
         raise InputError(f"{shown} say two things to do; give one of them.")
+    _check_used(config)
     if config.recording is not None:
         return _again(config, config.recording)
     name = config.robot or "nico"
@@ -209,8 +210,29 @@ def _task(config: SimulateConfig) -> Task:
     )
 
 
+def _check_used(config: SimulateConfig) -> None:
+    """Refuse options that would do nothing.
+
+    Raises:
+        InputError: If there are degrees without values, or a seed beside a scene or layout.
+    """
+    if config.degrees and config.values is None:
+        raise InputError(
+            "Without --values --degrees would do nothing; add --values, or leave --degrees out."
+        )
+    for option, place in (("--scene", config.scene), ("--layout", config.layout)):
+        if place is not None and config.seed is not None:
+            raise InputError(f"{option} and --seed name two worlds; give one of them.")
+
+
 def _again(config: SimulateConfig, path: Path) -> Task:
-    elsewhere = {"--scene": config.scene, "--layout": config.layout, "--seed": config.seed}
+    elsewhere = {
+        "--scene": config.scene,
+        "--layout": config.layout,
+        "--seed": config.seed,
+        "--corpus": None if config.corpus == SimulateConfig.corpus else config.corpus,
+        "--data": config.data,
+    }
     named = [option for option, value in elsewhere.items() if value is not None]
     if named:
         raise InputError(f"A recorded episode has its own scene; leave out {', '.join(named)}.")

@@ -92,6 +92,8 @@ def translate(config: TranslateConfig) -> int:
             if file.suffix not in (".png", ".svg"):
                 raise InputError(f"A picture is a .png or .svg file, not {str(file)!r}.")
             check_file(file)
+    if config.count < 1:
+        raise InputError(f"At least 1 reading is shown; received --count {config.count}.")
     _check_one_sentence(config)
     layout = _layout(config)
     translator = load_translator(config.checkpoint)

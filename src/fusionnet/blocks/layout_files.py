@@ -7,8 +7,6 @@ The gripper may be left out; "pyramid" may be said for "prism" and "grey" for "g
 """
 
 import json
-import os
-import tempfile
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -16,7 +14,8 @@ from typing import Any
 from fusionnet.blocks.grid import GRID, Block, Cell, Color, Gripper, Layout, Shape
 from fusionnet.blocks.validation import validate
 from fusionnet.catalogue import did_you_mean
-from fusionnet.errors import InputError, OutputError
+from fusionnet.errors import InputError
+from fusionnet.files import write_whole
 
 LARGEST_FILE = 1_000_000
 """Bytes that a layout's file may have; 512 blocks take about 40,000."""
@@ -91,26 +90,16 @@ def read_layout(path: Path | str) -> Layout:
 
 
 def write_layout(layout: Layout, path: Path | str) -> None:
-    """Write a layout as JSON, aside first, so that no half-written file ever stands there.
+    """Write a layout as JSON, whole or not at all; its folder is made if it is missing.
 
     Raises:
-        OutputError: If it could not be written.
+        OutputError: If it cannot be written.
     """
     path = Path(path)
     lines = ",\n  ".join(json.dumps(block) for block in layout_to_json(layout)["blocks"])
     head = json.dumps({k: v for k, v in layout_to_json(layout).items() if k != "blocks"})
     text = f'{head[:-1]},\n "blocks": [\n  {lines}]}}\n'
-    try:
-        handle, aside = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
-        try:
-            with os.fdopen(handle, "w", encoding="utf-8") as file:
-                file.write(text)
-            os.replace(aside, path)
-        except BaseException:
-            os.unlink(aside)
-            raise
-    except OSError as error:
-        raise OutputError(f"{path} cannot be written: {error.strerror or error}.") from None
+    write_whole(path, text)
 
 
 def _shown(value: Any) -> str:

@@ -32,6 +32,9 @@ CLASSES = len(CLASS_NAMES)
 COLORS = len(Color)
 NOTHING_HELD = -1
 FLOOR = 1e-4
+ROUNDING = 1e-4
+"""Probabilities may be this far outside 0 to 1: they come from arithmetic in single precision."""
+
 NEGLIGIBLE = 3e-3
 """Doubts below this are not drawn: there are hundreds of cells."""
 
@@ -66,7 +69,8 @@ class PlausibleLayouts:
         cells = np.asarray(occupancy, dtype=float)
         if cells.shape != (GRID, GRID, GRID, CLASSES + 1):
             raise InputError(f"The occupancy must have shape (8, 8, 8, 17), not {cells.shape}.")
-        if not (np.isfinite(cells).all() and 0 <= holding <= 1):
+        within = (cells >= -ROUNDING) & (cells <= 1 + ROUNDING)  # false where not a number
+        if not (within.all() and 0 <= holding <= 1):
             raise InputError("The occupancy and holding must be probabilities, from 0 to 1.")
         self.holding = float(holding)
         self.masses = cells.reshape(CELLS, CLASSES + 1)[:, :CLASSES]

@@ -225,6 +225,8 @@ class FusionNet(nn.Module):
             InputError: If an array has the wrong shape, or there is no reading.
             PlanningError: If no reading makes sense, whatever the layout.
         """
+        if not readings:
+            raise InputError("There is no reading of the sentence; give at least one.")
         programs, weights, kept = _programs_of(readings)
         cells = torch.from_numpy(np.array(occupancy, dtype=np.float32))
         if cells.shape != (GRID, GRID, GRID, 17):

@@ -160,7 +160,7 @@ class Robot:
         """Arm posture for each cell; a smooth function of the cell [rad, or m].
 
         Raises:
-            DataError: If the table is missing or was made for another robot.
+            DataError: If the table is missing or has another shape than the robot needs.
         """
         try:
             table = np.load(self.joint_table_file, allow_pickle=False)

@@ -59,7 +59,7 @@ class Episode:
             where they fell off the board), and the hand.
         grasped: The block that the hand closed on, or None.
         errors: Distance of each block (in the order of the world's layout) from the middle of
-            its expected cell, or of the cell where it began when nothing was expected, in mm.
+            its expected cell, or from where it stood before when nothing was expected, in mm.
         displacement: Largest distance by which any block moved that was never held, in mm.
         grasp_distance: From the pinch to the nearest block's grasp point when the hand closed,
             in mm; None if it did not close.

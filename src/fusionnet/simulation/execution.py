@@ -68,7 +68,7 @@ class Execution:
         self.phases.append(Phase(name=name, start=start, end=self.hand.seconds))
         return result
 
-    def to_ready(self, goal: Float[np.ndarray, " n"]) -> None:
+    def to_ready(self) -> None:
         """From beside the table to high above the board."""
         ready = self.robot.poses["ready"]
         height = max(self._clear_height(self.hand.posture, ready), self.planner.pinch(ready)[2])

@@ -115,19 +115,12 @@ class InverseKinematics:
         values[self._addresses] = np.clip(start, *self.robot.joint_limits.T)
         configuration.update(values)
         for _ in range(self.iterations):
+            distance, angle = self._miss(rotation, maximum_tilt)
             tasks: list[mink.Task] = [self._frame]
-            excess = 0.0
-            if maximum_tilt is not None:
-                direction = configuration.get_transform_frame_to_world("pinch", "site")
-                axis = direction.rotation().as_matrix()[:, 2]
-                excess = max(0.0, float(np.arccos(np.clip(-axis[2], -1, 1))) - maximum_tilt)
-                if excess > 0:
-                    inside = maximum_tilt - self.angular_tolerance
-                    self._approach.set_target(_into_cone(axis, inside))
-                    tasks.append(self._approach)
-            error = self._frame.compute_error(configuration)
-            distance = float(np.linalg.norm(error[:3]))
-            angle = excess if rotation is None else float(np.linalg.norm(error[3:]))
+            if maximum_tilt is not None and angle > 0:
+                inside = maximum_tilt - self.angular_tolerance
+                self._approach.set_target(_into_cone(self._direction(), inside))
+                tasks.append(self._approach)
             if distance <= self.tolerance / 10 and angle <= self.angular_tolerance / 10:
                 break
             try:
@@ -137,7 +130,26 @@ class InverseKinematics:
             except mink.NoSolutionFound:
                 break
             configuration.integrate_inplace(np.clip(velocity, -0.5, 0.5), 1.0)
-        return distance, angle
+        return self._miss(rotation, maximum_tilt)
+
+    def _miss(
+        self, rotation: Float[np.ndarray, "3 3"] | None, maximum_tilt: float | None
+    ) -> tuple[float, float]:
+        """How far the present posture is from the target [m], and turned too far [rad]."""
+        error = self._frame.compute_error(self._configuration)
+        distance = float(np.linalg.norm(error[:3]))
+        if rotation is not None:
+            return distance, float(np.linalg.norm(error[3:]))
+        if maximum_tilt is None:
+            return distance, 0.0
+        tilt = float(np.arccos(np.clip(-self._direction()[2], -1, 1)))
+        return distance, max(0.0, tilt - maximum_tilt)
+
+    def _direction(self) -> Float[np.ndarray, "3"]:
+        """The present posture's direction of approach, in the robot frame."""
+        pinch = self._configuration.get_transform_frame_to_world("pinch", "site")
+        axis: Float[np.ndarray, "3"] = pinch.rotation().as_matrix()[:, 2]
+        return axis
 
     def _starts(
         self, position: Float[np.ndarray, "3"], start: Float[np.ndarray, " n"] | None

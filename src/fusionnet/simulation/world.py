@@ -239,7 +239,7 @@ class World:
             if look_again is not None:
                 corrections["grasp"] = look_again("grasp", 0.0, self)
                 grasp = run.beside(grasp, corrections["grasp"])
-            run.phase("ready", lambda: run.to_ready(grasp))
+            run.phase("ready", run.to_ready)
         run.phase("reach", lambda: run.descend(grasp))
         distance: float | None = None
         if not hand.closed:
