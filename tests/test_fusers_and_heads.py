@@ -9,12 +9,13 @@ import numpy as np
 import pytest
 import torch
 
-from fusionnet.errors import UnknownNameError
+from fusionnet.errors import InputError, UnknownNameError
 from fusionnet.models import fusers, heads
 from fusionnet.models.anchors import AnchorShapes
 from fusionnet.models.detectors import pyramid_boxes
 from fusionnet.models.heads import Example, Features, Shapes
 from fusionnet.models.heads.boxes import Boxes, BoxHead
+from fusionnet.models.thesis_fusion_config import NetworkSizes, thesis
 
 SEEN, SAID = (40, 4), (7, 4)
 STRIDES = (8, 16)
@@ -148,3 +149,19 @@ def test_the_occupancy_of_a_layout_is_its_blocks_by_cell():
     )
     cells = heads.load("occupancy").target(given)
     assert cells[0] == 7 and cells[511] == 2 and (cells == 16).sum() == 510
+
+
+def test_the_plain_vision_takes_every_head_that_reads_no_pyramid(monkeypatch):
+    class Newcomer(heads.Head):
+        """Reads the fused vector alone."""
+
+    load = heads.load
+    monkeypatch.setattr(heads, "load", lambda n: Newcomer if n == "newcomer" else load(n))
+    sizes = NetworkSizes(backbone="tiny")
+    limits = [(0.0, 1.0)] * 14
+    chosen = ("tree", "newcomer", "joints")
+    config = thesis("nico", limits, ["a"], ["b"], sizes=sizes, vision="cnn", heads=chosen)
+    assert config.heads == chosen
+    for name in ("boxes", "classes", "occupancy"):
+        with pytest.raises(InputError, match=f"The plain vision has no {name}"):
+            dataclasses.replace(config, heads=(name, "joints"))

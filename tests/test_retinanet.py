@@ -7,11 +7,12 @@ from unittest import mock
 import numpy as np
 import pytest
 import torch
+from torch import nn
 
 from fusionnet.blocks import CLASS_NAMES
 from fusionnet.dataset.frame import PictureFrame
 from fusionnet.errors import CheckpointError, InputError
-from fusionnet.models import detectors
+from fusionnet.models import backbones, detectors
 from fusionnet.models.anchors import AnchorShapes
 from fusionnet.models.checkpoint import CONFIG_FILE
 from fusionnet.models.detectors import RetinaNetConfig, pyramid_boxes
@@ -203,3 +204,27 @@ def test_a_damaged_configuration_is_named(part, value, tmp_path):
     (tmp_path / CONFIG_FILE).write_text(json.dumps(document))
     with pytest.raises(CheckpointError, match="has a configuration that cannot be used"):
         RetinaNet.from_folder(tmp_path)
+
+
+class Foreign(nn.Module):
+    """A backbone whose strides and channels belong to the instance, as a newcomer may write it."""
+
+    mean = deviation = (0.5, 0.5, 0.5)
+
+    def __init__(self, *strides: int) -> None:
+        super().__init__()
+        self.strides, self.channels = strides, (8,) * len(strides)
+        self.layers = nn.ModuleList(nn.Conv2d(3, 8, stride, stride) for stride in strides)
+
+
+def test_a_backbone_may_be_any_function_and_must_have_what_is_asked(monkeypatch):
+    monkeypatch.setattr(backbones, "load", lambda _: lambda: Foreign(4, 8, 16))
+    state = torch.get_rng_state()
+    assert detectors.thesis("foreign").boxes.strides == (4, 8, 16, 32, 64)
+    assert torch.equal(torch.get_rng_state(), state)
+    config = RetinaNetConfig(frame=TINY.frame, backbone="foreign", detail=16)
+    with pytest.raises(InputError, match="need a backbone with stem and stem_channels and after_"):
+        RetinaNet(config)
+    monkeypatch.setattr(backbones, "load", lambda _: lambda: Foreign(8, 16))
+    with pytest.raises(InputError, match="takes three maps; the backbone 'foreign' has 2"):
+        RetinaNet(dataclasses.replace(config, detail=0))

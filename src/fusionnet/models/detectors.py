@@ -4,6 +4,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from typing import Any, Literal
 
+import torch
+
 from fusionnet.blocks import CLASS_NAMES
 from fusionnet.dataset.frame import PictureFrame
 from fusionnet.errors import InputError
@@ -165,7 +167,7 @@ def thesis(
         width=width,
         boxes=pyramid_boxes(
             anchors or thesis_anchors(),
-            strides=_level_strides(backbone),
+            strides=five_strides(backbone),
             depth=depth,
             width=width,
         ),
@@ -196,10 +198,11 @@ def pyramid_boxes(
     )
 
 
-def _level_strides(backbone: str) -> tuple[int, ...]:
-    """Strides of the five levels upon a backbone, from its class or function."""
-    made = backbones.load(backbone)
-    return level_strides(getattr(made, "func", made).strides)
+def five_strides(backbone: str) -> tuple[int, ...]:
+    """Strides of the five levels upon a backbone, in pixels of the input."""
+    with torch.device("meta"):
+        made = backbones.load(backbone)()
+    return level_strides(made.strides)
 
 
 def _matrix(rows: Sequence[Sequence[float]]) -> Matrix:

@@ -44,6 +44,9 @@ class RetinaNet(nn.Module):
 
     Args:
         config: What it is made of; presets are in `models.detectors`.
+
+    Raises:
+        InputError: If the backbone lacks what the configuration asks of it.
     """
 
     def __init__(self, config: RetinaNetConfig) -> None:
@@ -51,6 +54,7 @@ class RetinaNet(nn.Module):
         self.config = config
         self.frame = config.frame
         self.backbone = backbones.load(config.backbone)()
+        _check_backbone(self.backbone, config)
         channels, strides, width = self.backbone.channels, self.backbone.strides, config.width
         if config.pyramid == "small":
             self.strides = tuple(strides)
@@ -328,6 +332,21 @@ class RetinaNet(nn.Module):
             ) from error
         restore(model, checkpoint.tensors, folder)
         return model.eval()
+
+
+def _check_backbone(backbone: nn.Module, config: RetinaNetConfig) -> None:
+    """Refuse a backbone without the small pyramid's three maps, or the stem of details."""
+    count = len(backbone.strides)  # type: ignore[arg-type]
+    if config.pyramid == "small" and count != 3:
+        raise InputError(
+            f"The small pyramid takes three maps; the backbone {config.backbone!r} has {count}."
+        )
+    lacking = [n for n in ("stem", "stem_channels", "after_stem") if not hasattr(backbone, n)]
+    if config.detail and lacking:
+        raise InputError(
+            f"Details at stride 2 need a backbone with {' and '.join(lacking)}, which"
+            f" {config.backbone!r} lacks; set detail to 0, or name another."
+        )
 
 
 @functools.cache

@@ -10,7 +10,6 @@ from fusionnet.errors import CheckpointError, InputError
 from fusionnet.models import backbones, detectors, heads
 from fusionnet.models.anchors import AnchorShapes, thesis_anchors
 from fusionnet.models.detectors import RetinaNetConfig
-from fusionnet.models.pyramid import level_strides
 from fusionnet.models.target_text import Writes
 from fusionnet.models.transformer_config import TransformerConfig, transformer_config
 
@@ -98,9 +97,10 @@ class ThesisFusionNetConfig:
                 f"{len(self.joint_names)} joints have {2 * len(self.joint_names) + 2} values; "
                 f"received {len(self.joint_limits)} pairs of limits."
             )
-        needing = [n for n in self.heads if n not in ("tree", JOINTS)]
-        if self.vision == "cnn" and needing:
-            raise InputError(f"The plain vision has no {' or '.join(needing)}; leave it out.")
+        if self.vision == "cnn":
+            needing = [name for name in self.heads if heads.load(name).needs_pyramid]
+            if needing:
+                raise InputError(f"The plain vision has no {' or '.join(needing)}; leave it out.")
 
     def as_json(self) -> dict[str, Any]:
         """JSON values that rebuild it."""
@@ -150,7 +150,6 @@ def thesis(
     """
     sizes = sizes or NetworkSizes()
     size = sizes.input_size
-    made = backbones.load(sizes.backbone)
     detector = replace(
         detectors.thesis(
             sizes.backbone,
@@ -162,7 +161,7 @@ def thesis(
         frozen=sizes.backbone_weights != backbones.RANDOM,
         boxes=detectors.pyramid_boxes(
             sizes.anchors,
-            strides=level_strides(getattr(made, "func", made).strides),
+            strides=detectors.five_strides(sizes.backbone),
             depth=sizes.subnet_depth,
             width=sizes.pyramid_width,
         ),

@@ -3,8 +3,10 @@
 A module here offers `BACKBONE`, a function without arguments that returns an
 `nn.Module` with `strides` and `channels` of its maps and the `mean` and `deviation`
 (of red, green and blue from 0 to 1) that its input is normalised with, whose forward
-gives one map a stride. One with an attribute `imagenet` has torchvision's parameter
-names and can begin with its ImageNet weights.
+gives one map a stride; the small pyramid takes three. A detector with `detail` reads
+a map at stride 2, too: that needs `stem` (pictures to that map), `stem_channels` and
+`after_stem` (that map to the others). One with an attribute `imagenet` has
+torchvision's parameter names and can begin with its ImageNet weights.
 """
 
 from fusionnet.catalogue import Catalogue

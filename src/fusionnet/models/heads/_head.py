@@ -80,10 +80,13 @@ class Head(nn.Module):
 
     Attributes:
         columns: Columns of a stored sample that its target is made of.
+        needs_pyramid: Whether it reads RetinaNet, its levels or its subnets, which the plain
+            vision has not.
         needs_anchors: Whether it reads RetinaNet's subnets, which cost time.
     """
 
     columns: ClassVar[tuple[str, ...]] = ()
+    needs_pyramid: ClassVar[bool] = False
     needs_anchors: ClassVar[bool] = False
 
     def __init__(self, shapes: Shapes) -> None:

@@ -249,6 +249,7 @@ class BoxesHead(Head):
     """Where the blocks are: the regression subnet as a representation of FusionNet (7.1)."""
 
     columns = ("boxes", "classes")
+    needs_pyramid = True
     needs_anchors = True
 
     @staticmethod

@@ -17,6 +17,7 @@ class ClassesHead(Head):
     """Which of 16 classes each anchor holds, if any."""
 
     columns = ("boxes", "classes")
+    needs_pyramid = True
     needs_anchors = True
 
     @staticmethod

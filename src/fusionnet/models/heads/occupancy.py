@@ -332,6 +332,7 @@ class OccupancyHead(Head):
     """
 
     columns = ("block_cells", "block_classes")
+    needs_pyramid = True
 
     def __init__(self, shapes: Shapes) -> None:
         super().__init__(shapes)
