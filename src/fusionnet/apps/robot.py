@@ -36,7 +36,7 @@ class TableConfig:
         """Refuse rounds of a table that is not made."""
         if self.check and self.rounds != TableConfig.rounds:
             raise InputError(
-                "With --check no table is made and --rounds would do nothing; leave one of them out."
+                "With --check no table is made and --rounds would do nothing; leave one out."
             )
 
 

@@ -118,7 +118,9 @@ class SceneRenderer:
         InputError: If the size is not of two whole numbers from 1 to `LARGEST`.
     """
 
-    def __init__(self, robot: str | Robot = "nico", size: Sequence[SupportsInt] = (960, 540)) -> None:
+    def __init__(
+        self, robot: str | Robot = "nico", size: Sequence[SupportsInt] = (960, 540)
+    ) -> None:
         self.size = picture_size(size)
         self.robot: Robot = load(robot) if isinstance(robot, str) else robot
         self.model = picture_model(self.robot, self.size)

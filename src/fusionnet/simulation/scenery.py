@@ -38,7 +38,9 @@ _MATRIX = np.eye(3).ravel()
 def picture_model(
     robot: str | Robot | None, size: tuple[int, int], shadow_pixels: int = SHADOW_PIXELS
 ) -> mujoco.MjModel:
-    """The robot alone with two lights in place of its own, the pyramid's mesh, and settings for software rendering.
+    """The robot, the pyramid's mesh, and settings for software rendering.
+
+    Two lights of ours take the place of the robot's own.
 
     Args:
         robot: Who, or the name in the robots' catalogue; None for nobody at all.
