@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from PIL import Image
+from PIL import Image, ImageOps
 
 from fusionnet.apps.output_folder import RESULT_FILE, RESULT_KIND, check_writable, written_whole
 from fusionnet.apps.views import RoomsConfig, rooms
@@ -97,6 +97,41 @@ def test_pictures_are_turned_as_their_camera_was_held(tmp_path) -> None:
     exif[0x0112] = 6  # rotated by a quarter
     Image.new("RGB", (120, 70)).save(file, exif=exif)
     assert read_picture(file).shape == (120, 70, 3)
+
+
+def exif(*entries: tuple[int, int, bytes]) -> bytes:
+    """EXIF of some tags, each with its type and four bytes of one value or of text."""
+    tags = [
+        struct.pack(">HHI", tag, kind, 4 if kind == 2 else 1) + value
+        for tag, kind, value in sorted(entries)
+    ]
+    return b"Exif\0\0MM\0*\0\0\0\x08" + struct.pack(">H", len(tags)) + b"".join(tags) + bytes(4)
+
+
+@pytest.mark.parametrize(
+    "odd",
+    [
+        (0x010F, 5, struct.pack(">I", 8)),  # the maker as a fraction
+        (0x0100, 2, b"abc\0"),  # the width as a text
+        (0x011A, 2, b"abc\0"),  # the resolution as a text
+    ],
+)
+@pytest.mark.parametrize("form", ["png", "jpeg"])
+def test_tags_that_say_nothing_of_turning_are_not_read(odd, form, tmp_path) -> None:
+    file = tmp_path / f"picture.{form}"
+    turned = exif((0x0112, 3, b"\0\x06\0\0"), odd)
+    Image.new("RGB", (120, 70)).save(file, exif=turned)
+    assert read_picture(file).shape == (120, 70, 3)
+
+
+@pytest.mark.parametrize("orientation", range(1, 9))
+def test_a_picture_is_turned_like_pillow_turns_it(orientation, tmp_path) -> None:
+    file = tmp_path / "picture.png"
+    pixels = np.random.default_rng(0).integers(0, 256, (70, 120, 3), np.uint8)
+    tag = (0x0112, 3, struct.pack(">HH", orientation, 0))
+    Image.fromarray(pixels).save(file, exif=exif(tag))
+    expected = np.asarray(ImageOps.exif_transpose(Image.open(file)))
+    np.testing.assert_array_equal(read_picture(file), expected)
 
 
 def finish(folder: Path, text: str = "new") -> None:

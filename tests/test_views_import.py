@@ -8,12 +8,14 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from PIL import ExifTags, Image
 
 from fusionnet.apps.cli import main
 from fusionnet.errors import OutputError
 from fusionnet.views import load_views
 from fusionnet.views.checkerboard import SEARCHED
 from fusionnet.views.photographing import photograph_rooms
+from fusionnet.views.photographs import find_boards
 from fusionnet.views.rooms import BOARD, ROOMS
 from view_commands import import_command
 
@@ -121,6 +123,49 @@ def test_photographs_without_the_whole_grid_become_no_views(room, calibrated, tm
     arguments = import_command(folder, out)
     error = refused([*arguments, "--validation", "0", "--calibration", str(calibrated)], capsys)
     assert "leaves the picture" in error and not out.exists()
+
+
+def upside_down(photograph: Path, out: Path) -> None:
+    """The photograph as a camera held upside down stores it: EXIF says how to turn it."""
+    exif = Image.Exif()
+    exif[ExifTags.Base.Orientation] = 3
+    with Image.open(photograph) as picture:
+        turned = picture.transpose(Image.Transpose.ROTATE_180)
+    turned.save(out, exif=exif, quality=95)
+
+
+def test_photographs_whose_camera_was_held_otherwise_are_left_out(room, tmp_path):
+    for name in ("view-2.jpg", "robot.jpg", "001.jpg"):
+        shutil.copy(room / name, tmp_path)
+    upside_down(room / "view-1.jpg", tmp_path / "0-turned.jpg")
+    environment = find_boards(tmp_path, BOARD, fewest=1)
+    turned = environment.photographs[0]
+    assert turned.corners is None and "held otherwise (EXIF orientation 3)" in turned.reason
+    assert len(environment.usable) >= 2 and environment.orientation == 1
+
+
+def test_a_calibration_is_of_one_way_to_hold_the_camera(room, calibrated, tmp_path, capsys):
+    folder, out = tmp_path / "later", tmp_path / "views"
+    folder.mkdir()
+    upside_down(room / "view-1.jpg", folder / "turned.jpg")
+    arguments = import_command(folder, out, "--calibration", str(calibrated), "--validation", "0")
+    assert "held otherwise for the photographs of later" in refused(arguments, capsys)
+    known = json.loads((calibrated / "calibration.json").read_text())
+    del known["environments"][room.name]["orientation"]
+    (tmp_path / "older.json").write_text(json.dumps(known))
+    arguments[arguments.index(str(calibrated))] = str(tmp_path / "older.json")
+    assert main(arguments) == 0
+
+
+def test_two_folders_of_one_name_are_not_merged(room, calibrated, tmp_path, capsys):
+    folders = [tmp_path / place / "table" for place in ("one", "two")]
+    for folder in folders:
+        folder.mkdir(parents=True)
+        shutil.copy(room / "view-1.jpg", folder)
+    arguments = import_command(folders[0], tmp_path / "views", "--validation", "0")
+    arguments.insert(3, str(folders[1]))
+    error = refused([*arguments, "--calibration", str(calibrated)], capsys)
+    assert "Several folders are called 'table'" in error
 
 
 def test_a_photograph_cut_short_is_listed_and_the_others_are_used(room, tmp_path, capsys):

@@ -121,11 +121,20 @@ def calibrate(environments: Sequence[Environment], board: Checkerboard) -> Calib
     return Calibration(board, tuple(calibrated), matrix, target, tuple(left_out))
 
 
-def _check(environments: Sequence[Environment]) -> None:
+def check_names(environments: Sequence[Environment]) -> None:
+    """Accept environments that can be told apart.
+
+    Raises:
+        InputError: If two have one name.
+    """
     names = [environment.name for environment in environments]
     double = sorted({name for name in names if names.count(name) > 1})
     if double:
         raise InputError(f"Several folders are called {double[0]!r}; each needs its own name.")
+
+
+def _check(environments: Sequence[Environment]) -> None:
+    check_names(environments)
     first = environments[0]
     for environment in environments[1:]:
         if environment.size != first.size:

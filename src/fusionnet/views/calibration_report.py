@@ -47,6 +47,7 @@ def as_json(calibration: Calibration) -> dict[str, Any]:
         "mean_reprojection_error": calibration.mean_error,
         "environments": {
             each.environment.name: {
+                "orientation": each.environment.orientation,
                 "fisheye_matrix": each.lens.matrix.tolist(),
                 "fisheye_coefficients": each.lens.coefficients.tolist(),
                 "photographs": [

@@ -16,7 +16,7 @@ from jaxtyping import Float
 
 from fusionnet.errors import DataError, InputError
 from fusionnet.geometry.fisheye import FisheyeLens
-from fusionnet.views.calibration import CalibratedEnvironment, Calibration
+from fusionnet.views.calibration import CalibratedEnvironment, Calibration, check_names
 from fusionnet.views.calibration_report import CALIBRATION_FILE, KIND, SCHEMA_VERSION
 from fusionnet.views.checkerboard import Checkerboard
 from fusionnet.views.photographs import Environment, Photograph
@@ -34,12 +34,14 @@ class KnownCalibration:
         matrix: Of the pinhole camera that undistorted pictures come from, in pixels.
         undistorted_to: The matrix to which pictures are undistorted, in pixels.
         lenses: By the names of environments.
+        orientations: How EXIF turned the photographs of each lens, where that is known.
     """
 
     file: Path
     matrix: Float[np.ndarray, "3 3"]
     undistorted_to: Float[np.ndarray, "3 3"]
     lenses: dict[str, FisheyeLens]
+    orientations: dict[str, int | None]
 
     def applied(self, environments: Sequence[Environment], board: Checkerboard) -> Calibration:
         """The calibration of other photographs that these lenses took.
@@ -51,9 +53,11 @@ class KnownCalibration:
             board: That was looked for.
 
         Raises:
-            InputError: If an environment's lens is not known, its pictures have another size, or
-                the lens explains none of them.
+            InputError: If two environments have one name, an environment's lens is not known, its
+                pictures have another size or were turned otherwise, or the lens explains none of
+                them.
         """
+        check_names(environments)
         used = [self._environment(environment, board) for environment in environments]
         names = {photograph.name for each in used for photograph in each.used}
         left_out = tuple(
@@ -85,13 +89,20 @@ class KnownCalibration:
         )
 
     def _lens(self, environment: Environment) -> FisheyeLens:
-        only = next(iter(self.lenses.values())) if len(self.lenses) == 1 else None
-        lens = self.lenses.get(environment.name, only)
-        if lens is None:
+        only = next(iter(self.lenses)) if len(self.lenses) == 1 else None
+        name = environment.name if environment.name in self.lenses else only
+        if name is None:
             raise InputError(
                 f"The calibration {self.file} knows no environment {environment.name!r}; its own "
                 f"are {', '.join(sorted(self.lenses))}. Call the folder by the one whose focus "
                 "the photographs share."
+            )
+        lens, orientation = self.lenses[name], self.orientations[name]
+        if orientation not in (None, environment.orientation):
+            raise InputError(
+                f"The camera was held otherwise for the photographs of {environment.name} (EXIF "
+                f"orientation {environment.orientation}) than for those of the calibration "
+                f"{self.file} ({orientation}). Hold it as then, or calibrate it as it is held now."
             )
         if lens.size != environment.size:
             raise InputError(
@@ -156,13 +167,16 @@ def load_calibration(source: Path) -> KnownCalibration:
             )
             for name, lens in document["environments"].items()
         }
+        orientations = {
+            str(name): lens.get("orientation") for name, lens in document["environments"].items()
+        }
         matrix = _numbers(document["matrix"], (3, 3))
         undistorted_to = _numbers(document["undistorted_to"], (3, 3))
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise DataError(f"{file} is damaged: {error}. Calibrate again.") from error
     if not lenses:
         raise DataError(f"{file} holds no environment. Calibrate again.")
-    return KnownCalibration(file, matrix, undistorted_to, lenses)
+    return KnownCalibration(file, matrix, undistorted_to, lenses, orientations)
 
 
 def _numbers(value: Any, shape: tuple[int, ...]) -> np.ndarray:

@@ -1,7 +1,8 @@
 """Photographs of a checkerboard, one folder an environment."""
 
+from collections import Counter
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -9,7 +10,7 @@ from jaxtyping import Float
 
 from fusionnet.errors import InputError
 from fusionnet.views.checkerboard import Checkerboard
-from fusionnet.views.picture_file import read_picture
+from fusionnet.views.picture_file import read_turned
 
 SUFFIXES = (".jpg", ".jpeg", ".png", ".bmp", ".webp")
 MOST_PHOTOGRAPHS = 2000
@@ -25,12 +26,14 @@ class Photograph:
         environment: Name of its room set-up, whose focus it shares.
         corners: Of the board, in pixels; None if the picture cannot be used.
         reason: Why it cannot be used; empty if it can.
+        orientation: EXIF's number, 1 to 8, of how it was turned to be upright; 1 is not at all.
     """
 
     file: Path
     environment: str
     corners: Float[np.ndarray, "n 2"] | None
     reason: str = ""
+    orientation: int = 1
 
     @property
     def name(self) -> str:
@@ -56,6 +59,11 @@ class Environment:
     def usable(self) -> list[Photograph]:
         """Those in which the whole board was found."""
         return [photograph for photograph in self.photographs if photograph.corners is not None]
+
+    @property
+    def orientation(self) -> int:
+        """EXIF's number of how all usable photographs were turned, and so their lens."""
+        return self.usable[0].orientation
 
 
 def picture_files(folder: Path) -> list[Path]:
@@ -106,7 +114,7 @@ def find_boards(
     first = folder
     for file in each(picture_files(folder)):
         try:
-            image = read_picture(file)
+            image, orientation = read_turned(file)
         except InputError as error:
             photographs.append(Photograph(file, name, None, str(error)))
             continue
@@ -121,7 +129,8 @@ def find_boards(
             )
         corners = board.find(image)
         reason = "" if corners is not None else f"no whole board of {_inner(board)} inner corners"
-        photographs.append(Photograph(file, name, corners, reason))
+        photographs.append(Photograph(file, name, corners, reason, orientation))
+    photographs = _turned_alike(photographs)
     usable = sum(photograph.corners is not None for photograph in photographs)
     if size is None or usable < fewest:
         reasons = [f"{p.file.name}: {p.reason}" for p in photographs if p.reason]
@@ -132,6 +141,28 @@ def find_boards(
             f"{fewest} {'is' if fewest == 1 else 'are'} needed{why}"
         )
     return Environment(name, size, tuple(photographs))
+
+
+def _turned_alike(photographs: list[Photograph]) -> list[Photograph]:
+    """The photographs, of which those turned otherwise than most cannot be used.
+
+    In a picture that was turned the lens is turned, too: its middle lies elsewhere.
+    """
+    turns = Counter(p.orientation for p in photographs if p.corners is not None)
+    most = max(turns, key=turns.__getitem__, default=1)
+    return [
+        photograph
+        if photograph.corners is None or photograph.orientation == most
+        else replace(photograph, corners=None, reason=_turned_otherwise(photograph, most))
+        for photograph in photographs
+    ]
+
+
+def _turned_otherwise(photograph: Photograph, most: int) -> str:
+    return (
+        f"the camera was held otherwise (EXIF orientation {photograph.orientation}) than for most "
+        f"of its folder ({most}); move it to a folder of its own"
+    )
 
 
 def _inner(board: Checkerboard) -> str:

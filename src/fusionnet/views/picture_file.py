@@ -4,12 +4,13 @@ The header is read first, so that a file of a few bytes which would unpack to gi
 (a decompression bomb) is refused before anything is unpacked.
 """
 
+import struct
 import warnings
 from pathlib import Path
 
 import numpy as np
 from jaxtyping import UInt8
-from PIL import Image, ImageOps, UnidentifiedImageError
+from PIL import ExifTags, Image, UnidentifiedImageError
 
 from fusionnet.errors import InputError
 
@@ -20,6 +21,17 @@ SMALLEST_SIDE = 64
 MOST_PIXELS = 40_000_000
 MOST_BYTES = 200 * 2**20
 
+_TURNS = {
+    2: Image.Transpose.FLIP_LEFT_RIGHT,
+    3: Image.Transpose.ROTATE_180,
+    4: Image.Transpose.FLIP_TOP_BOTTOM,
+    5: Image.Transpose.TRANSPOSE,
+    6: Image.Transpose.ROTATE_270,
+    7: Image.Transpose.TRANSVERSE,
+    8: Image.Transpose.ROTATE_90,
+}
+"""What makes a picture upright, by its EXIF orientation; 1 is upright already."""
+
 
 def read_picture(path: Path) -> UInt8[np.ndarray, "h w 3"]:
     """The picture in a file, as RGB, turned the way its camera was held.
@@ -27,6 +39,15 @@ def read_picture(path: Path) -> UInt8[np.ndarray, "h w 3"]:
     Raises:
         InputError: If there is no such file, or it is no picture, or one that is
             damaged, too small or too large; the message says which.
+    """
+    return read_turned(path)[0]
+
+
+def read_turned(path: Path) -> tuple[UInt8[np.ndarray, "h w 3"], int]:
+    """The picture as `read_picture`, and the EXIF orientation from which it was turned, 1 to 8.
+
+    Raises:
+        InputError: As `read_picture`.
     """
     try:
         if not path.exists():
@@ -40,7 +61,8 @@ def read_picture(path: Path) -> UInt8[np.ndarray, "h w 3"]:
             picture = Image.open(path, formats=FORMATS)
         with picture:
             _check_size(path, *picture.size)
-            upright = _eight_bits(ImageOps.exif_transpose(picture)).convert("RGB")
+            orientation = _orientation(picture)
+            upright = _eight_bits(_upright(picture, orientation)).convert("RGB")
     except InputError:
         raise
     except UnidentifiedImageError:
@@ -49,9 +71,19 @@ def read_picture(path: Path) -> UInt8[np.ndarray, "h w 3"]:
         raise InputError(f"The picture {path} is too large: {_limits()}.") from None
     except PermissionError as error:
         raise InputError(f"The picture {path} cannot be read: {error.strerror}.") from None
-    except (OSError, ValueError, SyntaxError, EOFError) as error:
+    except (OSError, ValueError, TypeError, SyntaxError, EOFError, struct.error) as error:
         raise InputError(f"The picture {path} is damaged: {error}.") from None
-    return np.asarray(upright)
+    return np.asarray(upright), orientation
+
+
+def _orientation(picture: Image.Image) -> int:
+    """EXIF's only tag that matters here; one that says nothing sensible counts as upright."""
+    found = picture.getexif().get(ExifTags.Base.Orientation)
+    return found if isinstance(found, int) and found in _TURNS else 1
+
+
+def _upright(picture: Image.Image, orientation: int) -> Image.Image:
+    return picture.transpose(_TURNS[orientation]) if orientation in _TURNS else picture
 
 
 def _eight_bits(picture: Image.Image) -> Image.Image:
