@@ -4,6 +4,7 @@ import json
 import os
 import shutil
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pyarrow.parquet as pq
@@ -15,6 +16,7 @@ from pycocotools import mask as coco_mask
 
 from dataset_fixtures import SIZE, digests, small_plan, small_sources
 from fusionnet import robots
+from fusionnet.apps.cli import main
 from fusionnet.blocks import (
     BLOCK_SIZE,
     EMPTY,
@@ -43,6 +45,7 @@ from fusionnet.dataset.recipes import Recipe, Recipes, held_out_layouts
 from fusionnet.dataset.sample import encode_jpeg, make_sample
 from fusionnet.dataset.schema import COLUMNS
 from fusionnet.dataset.shots import FARTHEST, Eyes, Photographs
+from fusionnet.dataset.sources import Sources, Studio
 from fusionnet.errors import DataError, InputError, OutputError, UnknownNameError
 from fusionnet.geometry import apply as moved
 from fusionnet.geometry import rotation_from_vector, transform
@@ -296,6 +299,39 @@ def test_another_plan_or_other_files_are_not_overwritten(tmp_path, built, source
         build(tmp_path / "new", other, sources, workers=0)
     with pytest.raises(UnknownNameError, match="no split 'valid'; it has train, val, test"):
         StoredSamples(built, "valid")
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (["--eyes", "left_eye", "nose"], "no camera called 'nose'; available: left_eye, right_eye"),
+        (["--robot", "nica"], "Did you mean 'nico'?"),
+        (["--corpus", "examples"], "'examples' has no commands in 'train'"),
+        (["--workers", "0"], "At least one worker"),
+    ],
+)
+def test_what_cannot_be_built_leaves_nothing_behind(tmp_path, sources, capsys, options, said):
+    words = ["dataset", "build", str(tmp_path / "set"), "--data", str(sources.data), "--scale", "1"]
+    assert main([*words, *options]) == 2
+    error = capsys.readouterr().err
+    assert said in error and error.count("\n") == 1
+    assert not (tmp_path / "set").exists()
+
+
+def test_a_worker_with_another_corpus_or_other_views_makes_nothing(plan, sources):
+    with pytest.raises(DataError, match="planned with other commands of 'treebank'"):
+        Studio(replace(plan, corpus_digest="0"), sources)
+    with pytest.raises(DataError, match="planned with other views.*is none"):
+        Studio(plan, replace(sources, views=None))
+
+
+def test_sources_are_the_same_wherever_a_worker_is(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("FUSIONNET_DATA", "data")
+    (tmp_path / "mine").mkdir()
+    assert Sources(views="rooms").absolute() == Sources(data=tmp_path / "data", views="rooms")
+    named = Sources(data=Path("other"), views="mine").absolute()
+    assert named == Sources(data=tmp_path / "other", views=str(tmp_path / "mine"))
 
 
 def test_hugging_face_loads_it_as_it_is(built, tmp_path):

@@ -21,7 +21,7 @@ from fusionnet.dataset.folder import building, finish, read_records, write_recor
 from fusionnet.dataset.plan import BuildPlan, counts_for
 from fusionnet.dataset.sample import make_sample
 from fusionnet.dataset.shards import ShardRecord, record_of, write_shard
-from fusionnet.dataset.sources import Sources, corpus_digest, studio, views_digest
+from fusionnet.dataset.sources import Sources, check_plan, corpus_digest, studio, views_digest
 from fusionnet.errors import DataError, InputError, OutputError
 
 Progress = Callable[[int, int], None]
@@ -89,11 +89,17 @@ def build(
         The records of the shards that were made now.
 
     Raises:
-        InputError: If `out` holds something else, or the cluster cannot be reached.
+        InputError: If `out` holds something else, the corpus has no commands for a split, or the
+            cluster cannot be reached.
+        UnknownNameError: If there is no such robot, or it has no such eye.
         OutputError: If a shard cannot be written; finished ones are kept.
-        DataError: If the corpus or the views are missing or damaged.
+        DataError: If the corpus or the views are missing, damaged, or not those of the plan.
         RenderingError: If pictures cannot be rendered here.
     """
+    if workers < 1:
+        raise InputError(f"At least one worker is needed; received {workers}.")
+    out, sources = out.resolve(), sources.absolute()
+    check_plan(plan, sources)
     with building(out, plan):
         records = _finished(out, plan)
         missing = [s for s in plan.shards if plan.file(*s) not in records]
@@ -148,8 +154,6 @@ def _finished(out: Path, plan: BuildPlan) -> dict[str, ShardRecord]:
 @contextmanager
 def _workers(workers: int, cluster: str | None) -> Iterator[None]:
     """Processes of this machine, or of a Ray cluster."""
-    if workers < 1:
-        raise InputError(f"At least one worker is needed; received {workers}.")
     if cluster is None:
         with parallel_config(backend="loky", n_jobs=workers, inner_max_num_threads=1):
             yield

@@ -8,12 +8,16 @@ from pathlib import Path
 
 import numpy as np
 
+from fusionnet import robots
 from fusionnet.blocks import layout_to_json
-from fusionnet.corpora import Corpus, load_corpus
+from fusionnet.catalogue import did_you_mean
+from fusionnet.corpora import Corpus, load_corpus, named_data
 from fusionnet.dataset.plan import BuildPlan
 from fusionnet.dataset.recipes import EYE, Recipe, Recipes
 from fusionnet.dataset.shots import Eyes, Photographs, Shot
+from fusionnet.errors import DataError, UnknownNameError
 from fusionnet.rcl import format as format_tree
+from fusionnet.simulation.renderer import EXTERNAL
 from fusionnet.views import EnvironmentalView, load_views
 
 
@@ -22,7 +26,8 @@ class Sources:
     """Where the data of a build lies; its digests are part of the plan.
 
     Attributes:
-        data: Folder of the corpus's files; None for a corpus that needs none.
+        data: Folder of the corpus's files; None for the one that FUSIONNET_DATA names, or for a
+            corpus that is part of this package.
         views: Folder of the environmental views, or the name of shipped ones; None for none.
     """
 
@@ -37,6 +42,14 @@ class Sources:
             DataError: If they are damaged.
         """
         return () if self.views is None else load_views(self.views)
+
+    def absolute(self) -> "Sources":
+        """The same places for a process with another working folder and other variables."""
+        data = self.data or named_data()
+        views = self.views
+        if views is not None and Path(views).exists():  # otherwise it is a shipped name
+            views = str(Path(views).resolve())
+        return Sources(data=data and data.resolve(), views=views)
 
 
 def corpus_digest(corpus: Corpus) -> str:
@@ -61,6 +74,51 @@ def views_digest(views: Sequence[EnvironmentalView]) -> str:
     return digest.hexdigest() if views else ""
 
 
+def planned_recipes(plan: BuildPlan, sources: Sources) -> Recipes:
+    """The recipes of a plan, of the corpus that it was made for.
+
+    Raises:
+        DataError: If the corpus is damaged, missing, or another one.
+        InputError: If it has no commands for a split.
+    """
+    corpus = load_corpus(plan.corpus, sources.data)
+    _check_digest(corpus_digest(corpus), plan.corpus_digest, f"commands of {plan.corpus!r}")
+    return Recipes(plan, corpus)
+
+
+def _planned_views(plan: BuildPlan, sources: Sources) -> tuple[EnvironmentalView, ...]:
+    views = sources.environmental_views()
+    _check_digest(views_digest(views), plan.views_digest, f"views ({sources.views})")
+    return views
+
+
+def _check_digest(found: str, planned: str, what: str) -> None:
+    if found != planned:
+        raise DataError(
+            f"The data set was planned with other {what}: the checksum here is "
+            f"{found or 'none'}, not {planned or 'none'}. Every process needs the files that it "
+            "was planned with; if they were changed, build into a new folder."
+        )
+
+
+def check_plan(plan: BuildPlan, sources: Sources) -> None:
+    """Accept a plan that can be followed, before anything is written.
+
+    Raises:
+        UnknownNameError: If there is no such robot, or it has no such eye.
+        DataError: If the corpus is damaged, missing, or another one.
+        InputError: If it has no commands for a split.
+    """
+    cameras = [camera.name for camera in robots.load(plan.robot).spec().cameras] + [EXTERNAL]
+    for eye in plan.eyes:
+        if eye not in cameras:
+            raise UnknownNameError(
+                f"The robot {plan.robot!r} has no camera called {eye!r}; available: "
+                f"{', '.join(cameras)}.{did_you_mean(eye, cameras)}"
+            )
+    planned_recipes(plan, sources)
+
+
 class Studio:
     """Takes the pictures of a plan's recipes.
 
@@ -69,14 +127,14 @@ class Studio:
         sources: Where its data lies.
 
     Raises:
-        DataError: If the corpus is damaged or missing.
+        DataError: If the corpus or the views are damaged, missing, or not those of the plan.
         RenderingError: If pictures cannot be rendered here.
     """
 
     def __init__(self, plan: BuildPlan, sources: Sources) -> None:
-        self.recipes = Recipes(plan, load_corpus(plan.corpus, sources.data))
+        self.recipes = planned_recipes(plan, sources)
+        views = _planned_views(plan, sources)
         self._eyes = Eyes(plan.robot, plan.size)
-        views = sources.environmental_views()
         self._photographs = (
             Photographs(views, plan.robot, plan.size, plan.strength, plan.sensor) if views else None
         )
