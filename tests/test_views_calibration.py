@@ -233,6 +233,20 @@ def test_photographs_are_the_same_again_and_kept_when_there(room, tmp_path):
         photograph_rooms(tmp_path, 14, SIZE, seed=1, rooms=ROOMS[:1])
 
 
+@pytest.mark.parametrize(
+    ("size", "message"),
+    [
+        ((0, 0), "is too small, 0 x 0"),
+        ((9000, 9000), "is too large"),
+        ((960, 200), "does not fit into photographs of 960 x 200"),
+    ],
+)
+def test_rooms_are_not_photographed_at_a_size_that_shows_no_grid(tmp_path, size, message):
+    with pytest.raises(InputError, match=message):
+        photograph_rooms(tmp_path, 10, size)
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_the_robots_eye_is_where_the_rooms_say():
     renderer = SceneRenderer()
     camera = renderer.view(Layout(()), "left_eye", labels=False).camera

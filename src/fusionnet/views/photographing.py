@@ -16,6 +16,7 @@ from fusionnet.geometry import invert, vector_from_rotation
 from fusionnet.randomness import generator
 from fusionnet.views.calibration import CalibratedEnvironment, Calibration
 from fusionnet.views.importing import MOST_UNCERTAIN, deviation_in, pose_in
+from fusionnet.views.picture_file import check_size
 from fusionnet.views.rooms import (
     PLACEMENT,
     ROOMS,
@@ -77,12 +78,14 @@ def photograph_rooms(
         The rooms' folders.
 
     Raises:
-        InputError: If the count is out of range, or the folder has photographs of other settings.
+        InputError: If the count or the size is out of range, the whole grid hardly ever fits into
+            a picture of that size, or the folder has photographs of other settings.
         OutputError: If they cannot be written; those that were are whole.
         RenderingError: If pictures cannot be rendered here.
     """
     if not FEWEST <= count <= MOST:
         raise InputError(f"Expected {FEWEST} to {MOST} photographs a room; received {count}.")
+    check_size("A photograph", *size)
     total, done = len(rooms) * count, 0
     folders = []
     for room in rooms:

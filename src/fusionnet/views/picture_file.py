@@ -60,7 +60,7 @@ def read_turned(path: Path) -> tuple[UInt8[np.ndarray, "h w 3"], int]:
             warnings.simplefilter("ignore", Image.DecompressionBombWarning)  # we refuse below
             picture = Image.open(path, formats=FORMATS)
         with picture:
-            _check_size(path, *picture.size)
+            check_size(f"The picture {path}", *picture.size)
             orientation = _orientation(picture)
             upright = _eight_bits(_upright(picture, orientation)).convert("RGB")
     except InputError:
@@ -93,11 +93,16 @@ def _eight_bits(picture: Image.Image) -> Image.Image:
     return Image.fromarray(np.clip(np.asarray(picture) >> 8, 0, 255).astype(np.uint8))
 
 
-def _check_size(path: Path, width: int, height: int) -> None:
+def check_size(what: str, width: int, height: int) -> None:
+    """Accept the size of a picture that can be read; `what` begins the message.
+
+    Raises:
+        InputError: If it is too small or too large, in pixels.
+    """
     if min(width, height) < SMALLEST_SIDE:
-        raise InputError(f"The picture {path} is too small, {width} x {height}: {_limits()}.")
+        raise InputError(f"{what} is too small, {width} x {height}: {_limits()}.")
     if width * height > MOST_PIXELS:
-        raise InputError(f"The picture {path} is too large, {width} x {height}: {_limits()}.")
+        raise InputError(f"{what} is too large, {width} x {height}: {_limits()}.")
 
 
 def _limits() -> str:

@@ -14,6 +14,7 @@ import numpy as np
 from jaxtyping import Float, UInt8
 
 from fusionnet.blocks.grid import BLOCK_SIZE, GRID
+from fusionnet.errors import InputError
 from fusionnet.geometry import PinholeCamera, invert, transform
 from fusionnet.geometry.fisheye import FisheyeLens
 from fusionnet.randomness import generator
@@ -39,6 +40,9 @@ _CASTS_SHADOW = 0.1
 
 _PAPER = 0.0004
 """Half the thickness of the board's plates, whose tops are at height 0, in metres."""
+
+MOST_TRIES = 2000
+"""Poses in a row from which the whole grid is not in the picture, until we give up."""
 
 OVERSAMPLING = 2
 """Rays along each side of a pixel."""
@@ -179,13 +183,19 @@ def calibration_pose(rng: np.random.Generator) -> Float[np.ndarray, "4 4"]:
 def view_poses(
     room: Room, size: tuple[int, int], rng: np.random.Generator
 ) -> Iterator[Float[np.ndarray, "4 4"]]:
-    """Poses without end from which the whole grid, eight levels high, is in the picture."""
+    """Poses without end from which the whole grid, eight levels high, is in the picture.
+
+    Raises:
+        InputError: If it hardly ever is, in a picture of that size.
+    """
     camera = lens_of(room, size).matrix
     middle = np.array([GRID, GRID, GRID * 0.75]) * BLOCK_SIZE / 2
     edges = np.array([(x, y, z) for x in (0, 1) for y in (0, 1) for z in (0, 1)])
     corners = edges * GRID * BLOCK_SIZE
     limits = np.array(size)
-    while True:
+    left = MOST_TRIES
+    while left:
+        left -= 1
         target = middle + rng.uniform(-0.02, 0.02, 3)
         azimuth, elevation = rng.uniform(-np.pi, np.pi), np.deg2rad(rng.uniform(28.0, 58.0))
         pose = looking_at(
@@ -194,6 +204,11 @@ def view_poses(
         pixels = PinholeCamera(*size, camera, pose).project(corners) / limits
         if pixels.min() > 0.02 and pixels.max() < 0.98:
             yield pose
+            left = MOST_TRIES
+    raise InputError(
+        f"The whole grid does not fit into photographs of {size[0]} x {size[1]} pixels; make "
+        "them less wide for their height."
+    )
 
 
 def robot_pose(eye: Float[np.ndarray, "3"], rng: np.random.Generator) -> Float[np.ndarray, "4 4"]:
