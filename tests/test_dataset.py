@@ -43,7 +43,7 @@ from fusionnet.dataset.plan import BuildPlan, counts_for
 from fusionnet.dataset.reader import StoredPictures, StoredSamples
 from fusionnet.dataset.recipes import Recipe, Recipes, held_out_layouts
 from fusionnet.dataset.sample import encode_jpeg, make_sample
-from fusionnet.dataset.schema import COLUMNS
+from fusionnet.dataset.schema import COLUMNS, check_classes
 from fusionnet.dataset.shots import FARTHEST, Eyes, Photographs
 from fusionnet.dataset.sources import Sources, Studio
 from fusionnet.errors import DataError, InputError, OutputError, UnknownNameError
@@ -103,6 +103,20 @@ def test_a_strangers_plan_cannot_ask_for_any_number_of_samples(plan, count):
     asked = plan.as_json() | {"counts": {"train": count}, "shard": 1}
     with pytest.raises(DataError, match=r"no plan of a data set.*(1 to 1000000000|up to 2000000)"):
         BuildPlan.from_json(asked)
+
+
+@pytest.mark.parametrize("field", ["shard", "seed", "robot", "sensor", "eyes_share", "size"])
+def test_a_strangers_plan_cannot_have_values_of_any_type(plan, field):
+    wrong = {"shard": 2.5, "size": [320]}
+    asked = plan.as_json() | {field: wrong.get(field, None)}
+    with pytest.raises(DataError, match=rf"no plan of a data set.*{field} is "):
+        BuildPlan.from_json(asked)
+
+
+@pytest.mark.parametrize("described", [b"{", b"[]", b"\xff", b'{"info": {"features": 3}}'])
+def test_damaged_metadata_of_a_shard_are_named(described):
+    with pytest.raises(DataError, match="metadata of x for `datasets` are damaged"):
+        check_classes({b"huggingface": described}, "x")
 
 
 @pytest.mark.parametrize("scale", ["", "tiny", "0", "-3", "2.5", "9999999999999"])
@@ -269,6 +283,12 @@ def test_a_shard_cut_short_is_named_and_made_again_alone(tmp_path, built, plan, 
         "data/train-00001-of-00003.parquet"
     ]
     assert digests(folder) == digests(built)
+
+
+def test_checksums_of_a_stranger_say_numbers(tmp_path, built):
+    (tmp_path / "checksums.json").write_text('{"x": {"rows": "5", "bytes": 1, "sha256": ""}}')
+    with pytest.raises(DataError, match="rows and bytes of x are no numbers"):
+        read_checksums(tmp_path)
 
 
 def test_an_older_schema_is_named(tmp_path, built):
@@ -442,8 +462,9 @@ def test_a_reduced_picture_is_decoded_like_the_whole_one():
     reduced = decode(jpeg, (960, 540), whole_frame((960, 540), (480, 270)))
     wanted = PictureFrame((960, 540), (0, 0, 960, 540), (480, 270)).prepare(image)
     assert np.abs(reduced.astype(int) - wanted).mean() < 3
-    with pytest.raises(DataError, match="none instead of 960 x 540"):
-        decode(jpeg[:50], (960, 540), EYE_FRAME)
+    for damaged in (jpeg[:50], b"", np.zeros(0, np.uint8)):
+        with pytest.raises(DataError, match="none instead of 960 x 540"):
+            decode(damaged, (960, 540), EYE_FRAME)
 
 
 def test_a_cameras_noise_is_an_option_and_older_plans_have_it(plan, sources):

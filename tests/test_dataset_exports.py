@@ -23,7 +23,7 @@ from fusionnet.dataset.folder import read_plan
 from fusionnet.dataset.masks import decode_mask
 from fusionnet.dataset.reader import StoredSamples
 from fusionnet.dataset.shards import write_shard
-from fusionnet.errors import InputError, OutputError
+from fusionnet.errors import DataError, InputError, OutputError
 from fusionnet.simulation.renderer import shared_renderer
 
 
@@ -58,6 +58,7 @@ SPOILED = {
     "Box 0 is": lambda s: s["boxes"][0].__setitem__(0, 1.0),
     "the class of box 0": lambda s: s["classes"].__setitem__(0, (s["classes"][0] + 1) % 16),
     "no JPEG of": lambda s: s["image"].__setitem__("bytes", b"\xff\xd8nothing"),
+    "no JPEG of 320 x 180": lambda s: s["image"].__setitem__("bytes", b""),
     "cover 7 pixels": lambda s: s["masks"].__setitem__(0, [3, 4]),
     "as many classes": lambda s: s["classes"].pop(),
     "blocks are not those": lambda s: s["block_cells"].reverse(),
@@ -104,6 +105,8 @@ def test_a_contact_sheet_shows_boxes_in_the_blocks_colours(built, tmp_path):
     left, top = samples[0]["boxes"][0][:2]
     x, y = round(left * TILE[0] / SIZE[0]) - 1, round(top * TILE[1] / SIZE[1]) + 2
     assert sheet[y, x].tolist() == [0, 0, 0]
+    with pytest.raises(DataError, match="picture of sample train-00000000 is damaged"):
+        contact_sheet([samples[0] | {"image": {"bytes": b""}}])
     out = tmp_path / "sheet.png"
     assert main(["dataset", "show", str(built), "--samples", "2", "--out", str(out)]) == 0
     with Image.open(out) as picture:

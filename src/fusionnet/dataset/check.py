@@ -19,6 +19,7 @@ from fusionnet import robots
 from fusionnet.blocks import CLASS_NAMES, Cell, Layout, Move, apply, layout_from_json
 from fusionnet.corpora import part_of
 from fusionnet.dataset.folder import read_checksums, read_plan
+from fusionnet.dataset.frame import decoded
 from fusionnet.dataset.masks import mask_extent
 from fusionnet.dataset.plan import SPLITS, BuildPlan
 from fusionnet.dataset.recipes import VIEW
@@ -120,7 +121,7 @@ def _row_faults(opened: pq.ParquetFile, name: str, plan: BuildPlan, split: str) 
 def sample_faults(sample: Mapping[str, Any], plan: BuildPlan, split: str) -> Iterator[str]:
     """What is wrong in one sample."""
     size = (sample["width"], sample["height"])
-    image = cv2.imdecode(np.frombuffer(sample["image"]["bytes"], np.uint8), cv2.IMREAD_COLOR)
+    image = decoded(sample["image"]["bytes"], cv2.IMREAD_COLOR)
     if image is None or image.shape[1::-1] != size or size != plan.size:
         yield f"The picture is no JPEG of {plan.size[0]} x {plan.size[1]} pixels."
     yield from _box_faults(sample, size)

@@ -10,6 +10,7 @@ from jaxtyping import UInt8
 from PIL import Image, ImageDraw, ImageFont
 
 from fusionnet.blocks import Color
+from fusionnet.dataset.frame import decoded
 from fusionnet.errors import DataError
 from fusionnet.simulation import BLOCK_COLORS
 
@@ -30,6 +31,9 @@ def contact_sheet(
     Args:
         samples: Stored samples, at least one.
         columns: Pictures a row.
+
+    Raises:
+        DataError: If a picture is damaged.
     """
     columns = min(columns, len(samples))
     rows = -(-len(samples) // columns)
@@ -44,7 +48,7 @@ def contact_sheet(
 
 
 def _with_boxes(sample: Mapping[str, Any]) -> UInt8[np.ndarray, "h w 3"]:
-    image = cv2.imdecode(np.frombuffer(sample["image"]["bytes"], np.uint8), cv2.IMREAD_COLOR_RGB)
+    image = decoded(sample["image"]["bytes"], cv2.IMREAD_COLOR_RGB)
     if image is None:
         raise DataError(f"The picture of sample {sample['id']} is damaged.")
     scale = np.array(TILE) / [image.shape[1], image.shape[0]]

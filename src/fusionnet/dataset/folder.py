@@ -87,6 +87,9 @@ def read_checksums(folder: Path) -> dict[str, ShardRecord]:
         file, f"The data set {folder} is not finished; start the same build again to go on."
     )
     try:
+        for name, record in document.items():
+            if type(record.get("rows")) is not int or type(record.get("bytes")) is not int:
+                raise TypeError(f"rows and bytes of {name} are no numbers")
         return {name: ShardRecord(file=name, **record) for name, record in document.items()}
     except (TypeError, AttributeError) as error:
         raise DataError(f"{file} is damaged: {error}.") from error

@@ -13,6 +13,23 @@ import numpy as np
 from jaxtyping import Float, UInt8
 
 
+def decoded(
+    jpeg: bytes | memoryview | np.ndarray | None, flags: int
+) -> UInt8[np.ndarray, "h w 3"] | None:
+    """A stored picture; None if it is empty or damaged.
+
+    Args:
+        jpeg: Its bytes.
+        flags: Of `cv2.imdecode`: the order of colours, and the scale.
+    """
+    if jpeg is None or len(jpeg) == 0:
+        return None
+    try:
+        return cv2.imdecode(np.frombuffer(jpeg, np.uint8), flags)
+    except cv2.error:
+        return None
+
+
 @dataclass(frozen=True)
 class PictureFrame:
     """Which part of the eye's picture the network sees, and at which size.

@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Float, UInt8
 
 from fusionnet.blocks import BLOCK_SIZE, EMPTY, GRID
-from fusionnet.dataset.frame import PictureFrame
+from fusionnet.dataset.frame import PictureFrame, decoded
 from fusionnet.dataset.pictures import (
     EYE_FRAME,
     EYE_FRAMES,
@@ -154,7 +154,7 @@ def decode(
     """
     by = _reduction(size, frame)
     flags = _REDUCED[by] | cv2.IMREAD_IGNORE_ORIENTATION
-    image = cv2.imdecode(np.frombuffer(jpeg, np.uint8), flags)
+    image = decoded(jpeg, flags)
     if image is None or image.shape[:2] != (size[1] // by, size[0] // by):
         found = "none" if image is None else f"{image.shape[1]} x {image.shape[0]}"
         raise DataError(f"The picture is damaged: {found} instead of {size[0]} x {size[1]} pixels.")

@@ -27,6 +27,9 @@ SCALES: Mapping[str, Mapping[str, int]] = {
 }
 """Samples by split. The thesis has 625 layouts in 15 views, clean and thrice noised: 37,500."""
 
+_PLAIN = {str: (str,), bool: (bool,), int: (int,), float: (float, int)}
+"""For the types of a plan's plain fields those that their JSON may have."""
+
 LARGEST = 1_000_000_000
 """Training samples that may be asked for."""
 
@@ -164,6 +167,11 @@ class BuildPlan:
             read["counts"] = tuple((str(s), int(n)) for s, n in read["counts"].items())
             read["views"] = (tuple(read["views"]["train"]), tuple(read["views"]["val"]))
             read["eyes"], read["size"] = tuple(read["eyes"]), tuple(map(int, read["size"]))
+            for f in fields(cls):
+                if f.type in _PLAIN and type(read[f.name]) not in _PLAIN[f.type]:
+                    raise TypeError(f"{f.name} is {read[f.name]!r}")
+            if len(read["size"]) != 2:
+                raise ValueError(f"size is {read['size']}")
             unknown = {split for split, _ in read["counts"]} - set(SPLITS)
             if unknown:
                 raise ValueError(f"unknown split {min(unknown)!r}")

@@ -207,7 +207,7 @@ def _value(column: pa.Array, row: int) -> Any:
     value = column[row]
     if isinstance(value, pa.StructScalar):
         if "bytes" in value:
-            return memoryview(value["bytes"].as_buffer())
+            return memoryview(value["bytes"].as_buffer() or b"")
         return value.as_py()
     if isinstance(value, pa.ListScalar):
         inner = value.values

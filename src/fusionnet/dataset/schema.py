@@ -131,13 +131,17 @@ def check_classes(metadata: dict[bytes, bytes] | None, name: str) -> None:
     """Accept a shard whose classes are ours, by name and in order.
 
     Raises:
-        DataError: If they differ; the message says which.
+        DataError: If they differ, the message says which; or if the metadata are damaged.
     """
-    described = json.loads((metadata or {}).get(b"huggingface", b"{}"))
-    features = described.get("info", {}).get("features", {})
-    for column in _CLASSES:
-        names = features.get(column, {}).get("feature", {}).get("names")
-        if names is not None and tuple(names) != CLASS_NAMES:
+    try:
+        described = json.loads((metadata or {}).get(b"huggingface", b"{}"))
+        features = described.get("info", {}).get("features", {})
+        found = [features.get(column, {}).get("feature", {}).get("names") for column in _CLASSES]
+        listed = [tuple(map(str, names)) for names in found if names is not None]
+    except (ValueError, RecursionError, AttributeError, TypeError) as error:
+        raise DataError(f"The metadata of {name} for `datasets` are damaged: {error}.") from error
+    for names in listed:
+        if names != CLASS_NAMES:
             strange = sorted(set(names) ^ set(CLASS_NAMES)) or ["another order"]
             raise DataError(
                 f"The classes of {name} differ from this release's {len(CLASS_NAMES)} "
