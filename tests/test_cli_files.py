@@ -16,6 +16,7 @@ from fusionnet.apps.output_folder import RESULT_FILE, RESULT_KIND, check_writabl
 from fusionnet.apps.views import RoomsConfig, rooms
 from fusionnet.errors import InputError, OutputError
 from fusionnet.files import check_file, write_whole
+from fusionnet.views.importing import ImportedViews
 from fusionnet.views.picture_file import read_picture
 
 
@@ -218,6 +219,16 @@ def test_views_of_rooms_may_fill_the_folder_one_is_in(tmp_path, monkeypatch) -> 
     monkeypatch.setattr("fusionnet.apps.views.photograph_rooms", stop)
     with pytest.raises(InputError, match="rooms-photographs"):
         rooms(RoomsConfig(out=Path()))
+
+
+def test_rooms_of_which_no_photograph_can_be_used_make_no_folder(tmp_path, monkeypatch) -> None:
+    monkeypatch.setattr("fusionnet.apps.views.photograph_rooms", lambda *_, **__: [])
+    monkeypatch.setattr("fusionnet.apps.views._calibrated", lambda *_: None)
+    nothing = ImportedViews((), ())
+    monkeypatch.setattr("fusionnet.apps.views.import_views", lambda *_, **__: nothing)
+    with pytest.raises(InputError, match="No photograph can become a view"):
+        rooms(RoomsConfig(out=tmp_path / "rooms"))
+    assert not (tmp_path / "rooms").exists()
 
 
 def test_no_warning_escapes_from_a_large_picture(tmp_path) -> None:

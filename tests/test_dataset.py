@@ -38,7 +38,7 @@ from fusionnet.dataset.folder import read_checksums
 from fusionnet.dataset.frame import PictureFrame
 from fusionnet.dataset.framing import decode, grid_frame, labels_of, whole_frame
 from fusionnet.dataset.masks import decode_mask, encode_masks, mask_extent
-from fusionnet.dataset.pictures import EYE_FRAME, label
+from fusionnet.dataset.pictures import EYE_FRAME, EYE_FRAMES, label
 from fusionnet.dataset.plan import BuildPlan, counts_for
 from fusionnet.dataset.reader import StoredPictures, StoredSamples
 from fusionnet.dataset.recipes import Recipe, Recipes, held_out_layouts
@@ -408,6 +408,17 @@ def test_a_network_sees_what_the_renderer_shows():
     assert labels.holding == truth.holding
     seen = decode(sample["image"]["bytes"], (960, 540), EYE_FRAME)
     assert np.abs(seen.astype(int) - image).mean() < 3
+
+
+def test_each_eyes_picture_is_cropped_to_its_own_frame():
+    layout, renderer = Layout((Block(Color.RED, Shape.CUBE, Cell(2, 3, 0)),)), SceneRenderer("nico")
+    seen, truth = label(renderer, layout, Appearance(), camera="right_eye")
+    frame = EYE_FRAMES["right_eye"]
+    same, expected = label(renderer, layout, Appearance(), frame, "right_eye")
+    np.testing.assert_array_equal(seen, same)
+    np.testing.assert_array_equal(truth.boxes, expected.boxes)
+    with pytest.raises(UnknownNameError, match="No frame is known of the camera 'external'"):
+        label(renderer, layout, Appearance(), camera="external")
 
 
 def test_pictures_of_a_split_are_read_in_any_order_by_any_process(built):

@@ -71,3 +71,9 @@ def test_views_survive_the_disk(tmp_path):
 def test_impossible_numbers_are_refused(count, validation):
     with pytest.raises(InputError, match="at least one is for training"):
         drawn_views(count, validation=validation)
+
+
+@pytest.mark.parametrize("size", [(63, 640), (10_000, 4_001)])
+def test_views_of_a_size_that_cannot_be_read_again_are_not_drawn(size):
+    with pytest.raises(InputError, match="A view is too (small|large)"):
+        drawn_views(1, size=size)

@@ -86,6 +86,16 @@ def test_an_impossible_view_is_refused_and_nothing_is_written(
     assert list(tmp_path.iterdir()) == []
 
 
+def test_views_that_could_not_be_read_again_are_not_written(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="holds 1 to 10000 views; received 0"):
+        save_views(tmp_path / "views", ())
+    small = np.zeros((60, 107, 3), np.uint8)
+    matrix = np.array([[80.0, 0.0, 53.0], [0.0, 80.0, 29.5], [0.0, 0.0, 1.0]])
+    with pytest.raises(InputError, match="picture of the view 'room-01' is too small, 107 x 60"):
+        save_views(tmp_path / "views", (made_view(image=small, matrix=matrix),))
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_a_name_for_any_text_is_its_own_and_can_be_saved(tmp_path: Path) -> None:
     texts = ["room-IMG_1", "room-IMG_1", "Küche 2-IMG (3)", "_-.", "..", "room-IMG_1-2", "a" * 200]
     names = names_for(texts)

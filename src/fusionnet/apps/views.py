@@ -18,7 +18,13 @@ from fusionnet.views.calibration import calibrate as calibrate_all
 from fusionnet.views.calibration_report import as_json, write_report
 from fusionnet.views.checkerboard import Checkerboard
 from fusionnet.views.drawn import drawn_views
-from fusionnet.views.importing import MOST_UNCERTAIN, choose, import_views, set_aside
+from fusionnet.views.importing import (
+    MOST_UNCERTAIN,
+    ImportedViews,
+    choose,
+    import_views,
+    set_aside,
+)
 from fusionnet.views.known_calibration import load_calibration
 from fusionnet.views.mesh_sheet import mesh_sheet
 from fusionnet.views.photographing import chosen_views, parted, photograph_rooms, room_errors
@@ -139,9 +145,7 @@ def import_(config: ImportConfig) -> dict[str, Any]:
         known = load_calibration(config.calibration)
         calibration = known.applied(_found(config.folders, board, fewest=1), board)
     imported = import_views(calibration, most_uncertain=config.uncertain / 1000)
-    if not imported.views:
-        reason = imported.left_out[0].reason if imported.left_out else "none was taken"
-        raise InputError(f"From none of the photographs the whole grid can be seen ({reason})")
+    _check_some(imported)
     views = set_aside(choose(imported.views, config.most), config.validation)
     with folder_whole(config.out) as aside:
         write_views(aside, views)
@@ -164,11 +168,12 @@ def rooms(config: RoomsConfig) -> dict[str, Any]:
         )
     calibration = _calibrated(tuple(folders), BOARD)
     imported = import_views(calibration, only=chosen_views())
+    _check_some(imported)
+    errors = room_errors(calibration).as_json()
     with folder_whole(config.out) as aside:
         write_views(aside, parted(imported.views))
         write_report(aside, calibration)
     found = {"views": len(imported.views), "lamps_found": _lamps_found(imported.views)}
-    errors = room_errors(calibration).as_json()
     return {**found, **errors, **_summary(calibration, imported.left_out)}
 
 
@@ -201,6 +206,12 @@ def show(config: ShowConfig) -> None:
     Image.fromarray(mesh_sheet(load_views(config.views), config.levels)).save(picture, "PNG")
     write_whole(config.out, picture.getvalue())
     print(config.out)
+
+
+def _check_some(imported: ImportedViews) -> None:
+    if not imported.views:
+        reason = imported.left_out[-1].reason if imported.left_out else "none was taken"
+        raise InputError(f"No photograph can become a view ({reason})")
 
 
 def _calibrated(folders: tuple[Path, ...], board: Checkerboard) -> Calibration:

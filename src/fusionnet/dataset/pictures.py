@@ -7,6 +7,7 @@ from jaxtyping import Bool, Float, Int, UInt8
 
 from fusionnet.blocks import Layout
 from fusionnet.dataset.frame import PictureFrame
+from fusionnet.errors import UnknownNameError
 from fusionnet.simulation import Appearance, SceneRenderer
 
 LEAST_PIXELS = 12
@@ -65,10 +66,27 @@ def label(
     renderer: SceneRenderer,
     layout: Layout,
     appearance: Appearance,
-    frame: PictureFrame = EYE_FRAME,
+    frame: PictureFrame | None = None,
     camera: str = "left_eye",
 ) -> tuple[UInt8[np.ndarray, "h w 3"], Labels]:
-    """The network's input for a layout, and what is true of it."""
+    """The network's input for a layout, and what is true of it.
+
+    Args:
+        renderer: Takes the picture.
+        layout: What stands on the board.
+        appearance: How it looks.
+        frame: The part of the picture that the network sees; by default the eye's own.
+        camera: Name of the eye that looks.
+
+    Raises:
+        UnknownNameError: If there is no such camera, or no frame is given and none is known of it.
+    """
+    if frame is None and camera not in EYE_FRAMES:
+        raise UnknownNameError(
+            f"No frame is known of the camera {camera!r}, only of {', '.join(EYE_FRAMES)}; name "
+            "the frame, too."
+        )
+    frame = frame or EYE_FRAMES[camera]
     view = renderer.view(layout, camera=camera, appearance=appearance)
     visible = np.zeros(512, dtype=int)
     for block, pixels in zip(layout.blocks, view.visible, strict=True):

@@ -20,6 +20,7 @@ from fusionnet.errors import InputError
 from fusionnet.geometry import transform
 from fusionnet.randomness import generator
 from fusionnet.views.backdrops import Backdrops
+from fusionnet.views.picture_file import check_size
 from fusionnet.views.view import MOST_VIEWS, EnvironmentalView, Part, check_view
 
 ENVIRONMENT = "drawn"
@@ -66,12 +67,14 @@ def drawn_views(
         progress: Called after each view with how many there are, and will be.
 
     Raises:
-        InputError: If fewer than one is asked for, or all are for validation.
+        InputError: If fewer than one is asked for, all are for validation, or a picture of that
+            size is too small or too large to be read again.
     """
-    if not 0 <= validation < count <= MOST_VIEWS or min(size) < 32:
+    check_size("A view", *size)
+    if not 0 <= validation < count <= MOST_VIEWS:
         raise InputError(
-            f"1 to {MOST_VIEWS} views of 32 pixels or more a side, of which at least one is for "
-            f"training; received {count} of {size[0]} x {size[1]}, {validation} for validation."
+            f"1 to {MOST_VIEWS} views, of which at least one is for training; received {count}, "
+            f"{validation} for validation."
         )
     views = []
     for number in range(count):

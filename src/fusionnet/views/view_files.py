@@ -13,7 +13,7 @@ from PIL import Image
 
 from fusionnet.errors import DataError, InputError
 from fusionnet.files import check_new_folder, folder_whole
-from fusionnet.views.picture_file import read_picture
+from fusionnet.views.picture_file import check_size, read_picture
 from fusionnet.views.view import MOST_VIEWS, EnvironmentalView, check_view
 
 VIEWS_FILE = "views.json"
@@ -46,8 +46,9 @@ def save_views(
         quality: Of JPEG pictures, 1 to 95; None writes PNG, which loses nothing.
 
     Raises:
-        InputError: If two views have one name, a name cannot be a file's, or a view shows only
-            a part of the grid.
+        InputError: If there are no views or too many, two have one name, a name cannot be a
+            file's, a picture is too small or too large to be read again, or a view shows only a
+            part of the grid.
         OutputError: If the folder holds files already or cannot be written.
     """
     check_new_folder(Path(folder))
@@ -63,11 +64,15 @@ def write_views(
     Raises:
         InputError: As `save_views`.
     """
+    if not 1 <= len(views) <= MOST_VIEWS:
+        raise InputError(f"A folder holds 1 to {MOST_VIEWS} views; received {len(views)}.")
     _check_names([view.name for view in views])
     suffix = "png" if quality is None else "jpg"
     entries = []
     for view in views:
         check_view(view)
+        height, width = view.image.shape[:2]
+        check_size(f"The picture of the view {view.name!r}", width, height)
         file = f"{view.name}.{suffix}"
         (folder / file).write_bytes(_encoded(view.image, quality))
         entries.append(
