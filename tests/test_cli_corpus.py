@@ -156,7 +156,7 @@ def test_discarding_is_an_option(capsys, tmp_path) -> None:
 
 
 def test_vectors_are_trained_and_written(capsys, tmp_path) -> None:
-    file = tmp_path / "words.safetensors"
+    file = tmp_path / "new" / "words.safetensors"
     words = ["corpus", "vectors", "--out", str(file), "--of", "trees", "--how.epochs", "2"]
     document = as_json(capsys, *words, "--corpus", "synthetic", "--size", "30", "--how.size", "8")
     assert document["size"] == 8 and "cube" in WordVectors.load(file).words
@@ -174,10 +174,9 @@ def test_vectors_are_trained_and_written(capsys, tmp_path) -> None:
         (["stats", "--corpus", "synthetic", "--size", "0"], "--size is 1 to"),
         (["export", "--out", "/dev/null/all.jsonl"], "Cannot write"),
         (["export", "--out", "/dev/null/all", "--form", "treebank"], "Cannot make"),
-        (
-            ["vectors", "--out", "/dev/null/w.bin", "--how.least", "1", "--how.epochs", "1"],
-            "cannot",
-        ),
+        (["vectors", "--out", "/dev/null/w.bin", "--how.least", "9999"], "has to be a folder"),
+        (["vectors", "--out", "/tmp", "--how.least", "9999"], "name a file in it"),
+        (["vectors", "--out", "/proc/none/w.bin", "--how.least", "9999"], "Cannot"),
         (["vectors", "--out", "w.safetensors", "--how.least", "9999"], "No word occurs 9999 times"),
     ],
 )

@@ -23,7 +23,7 @@ from fusionnet.dataset.folder import read_plan
 from fusionnet.dataset.masks import decode_mask
 from fusionnet.dataset.reader import StoredSamples
 from fusionnet.dataset.shards import write_shard
-from fusionnet.errors import DataError, InputError, OutputError
+from fusionnet.errors import DataError, InputError, OutputError, UnknownNameError
 from fusionnet.simulation.renderer import shared_renderer
 
 
@@ -150,6 +150,14 @@ def test_cocos_own_reader_reads_the_export(built, tmp_path):
     assert captions.anns[1]["caption"] == samples[0]["sentence"]
     with pytest.raises(OutputError, match="holds files already"):
         export_coco(built, out)
+    with pytest.raises(UnknownNameError, match="no split 'trian'"):
+        export_coco(built, tmp_path / "none", ["trian"])
+
+
+def test_episodes_are_not_for_coco(tmp_path, capsys):
+    words = ["dataset", "export", "coco", str(tmp_path), str(tmp_path / "out"), "--episodes", "5"]
+    assert main(words) == 2
+    assert "--episodes is for LeRobot" in capsys.readouterr().err
 
 
 def test_episodes_are_a_lerobot_data_set(built, tmp_path, monkeypatch):

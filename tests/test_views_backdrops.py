@@ -49,6 +49,14 @@ def test_folders_without_photographs_are_refused(tmp_path):
         Backdrops([])
 
 
+def test_more_photographs_than_fit_into_memory_are_refused(tmp_path, monkeypatch):
+    monkeypatch.setattr("fusionnet.views.photographs.MOST_PHOTOGRAPHS", 1)
+    for name in ("a.png", "b.png"):
+        (tmp_path / name).write_bytes(b"")
+    with pytest.raises(InputError, match="holds 2 photographs, more than 1; all are kept in mem"):
+        Backdrops.of_folder(tmp_path)
+
+
 def test_photographs_are_behind_some_drawn_views():
     backdrops = Backdrops([half_red()])
     views = [

@@ -11,9 +11,11 @@ import pytest
 from PIL import ExifTags, Image
 
 from fusionnet.apps.cli import main
-from fusionnet.errors import OutputError
-from fusionnet.views import load_views
+from fusionnet.errors import InputError, OutputError
+from fusionnet.geometry import transform
+from fusionnet.views import EnvironmentalView, load_views
 from fusionnet.views.checkerboard import SEARCHED
+from fusionnet.views.importing import choose
 from fusionnet.views.photographing import photograph_rooms
 from fusionnet.views.photographs import find_boards
 from fusionnet.views.rooms import BOARD, ROOMS
@@ -166,6 +168,28 @@ def test_two_folders_of_one_name_are_not_merged(room, calibrated, tmp_path, caps
     arguments.insert(3, str(folders[1]))
     error = refused([*arguments, "--calibration", str(calibrated)], capsys)
     assert "Several folders are called 'table'" in error
+
+
+def test_views_are_chosen_of_environments_in_turn_as_far_as_they_go():
+    """One environment has a single view; of the two others the first one's stand far apart."""
+    places = {"alone": [0.0], "far": [10.0, 20.0, 30.0, 40.0], "near": [1.0, 1.1, 1.2, 1.3]}
+    views = tuple(
+        EnvironmentalView(
+            name=f"{environment}-{number}",
+            environment=environment,
+            part="train",
+            image=np.zeros((64, 64, 3), np.uint8),
+            matrix=np.eye(3),
+            camera_from_board=transform(translation=(place, 0.0, 0.0)),
+        )
+        for environment, seen in places.items()
+        for number, place in enumerate(seen)
+    )
+    chosen = [view.environment for view in choose(views, 7)]
+    assert sorted(chosen) == ["alone", *["far"] * 3, *["near"] * 3]
+    for count in (0, -3):
+        with pytest.raises(InputError, match="At least one view has to be kept"):
+            choose(views, count)
 
 
 def test_a_photograph_cut_short_is_listed_and_the_others_are_used(room, tmp_path, capsys):

@@ -122,8 +122,8 @@ class ExportConfig:
     """A new folder."""
     splits: tuple[str, ...] = ()
     """Which splits; for COCO all by default, for LeRobot one, train by default."""
-    episodes: int = 20
-    """How many samples are executed for LeRobot."""
+    episodes: int | None = None
+    """How many samples are executed for LeRobot; 20 by default."""
 
 
 def build(config: BuildConfig) -> dict[str, Any]:
@@ -192,6 +192,8 @@ def show(config: ShowConfig) -> None:
 
 def export(config: ExportConfig) -> dict[str, Any]:
     """Write a data set in another form: COCO, or LeRobot episodes."""
+    if config.form == "coco" and config.episodes is not None:
+        raise InputError("--episodes is for LeRobot; choose what COCO gets by --splits.")
     with bars() as bar:
         if config.form == "coco":
             splits = config.splits or None
@@ -200,7 +202,8 @@ def export(config: ExportConfig) -> dict[str, Any]:
         if len(config.splits) > 1:
             raise InputError("LeRobot episodes are exported from one split at a time.")
         split = config.splits[0] if config.splits else "train"
+        episodes = 20 if config.episodes is None else config.episodes
         counted = export_lerobot(
-            config.folder, config.out, split, config.episodes, progress=bar("episodes")
+            config.folder, config.out, split, episodes, progress=bar("episodes")
         )
         return {"lerobot": str(config.out), **counted}

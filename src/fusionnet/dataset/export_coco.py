@@ -34,8 +34,8 @@ def export_coco(
 
     Raises:
         DataError: If the data set is damaged or not finished.
-        InputError: If `out` holds files already.
-        OutputError: If it cannot be written.
+        UnknownNameError: If it has no such split.
+        OutputError: If `out` holds files already or cannot be written.
     """
     chosen = {s: StoredSamples(folder, s) for s in splits or dict(read_plan(folder).counts)}
     total, done = sum(map(len, chosen.values())), 0

@@ -2,8 +2,9 @@
 
 Sample `i` of a split depends on the plan, the corpus and `i` alone. Recorded layouts are
 shown by turns, each in every view before any view comes again (thesis 3.2.4), and with
-each of its sentences by turns. Varied layouts come from the training groups only, and none
-that equals a layout of a held-out group is let through.
+each of its sentences by turns; in training a turn that goes to an eye, or to a varied layout,
+is left out. Varied layouts come from the training groups only, and none that equals a layout
+of a held-out group is let through.
 """
 
 from collections.abc import Sequence

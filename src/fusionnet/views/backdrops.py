@@ -45,9 +45,11 @@ class Backdrops:
         """All pictures in a folder.
 
         Raises:
-            InputError: If there is no such folder, or no picture in it, or one cannot be read.
+            InputError: If there is no such folder, no picture or more than `MOST_PHOTOGRAPHS` in
+                it, or one cannot be read.
         """
-        return cls(read_picture(file) for file in picture_files(folder))
+        enough = "all are kept in memory, and a few dozen of the right place are worth most"
+        return cls(read_picture(file) for file in picture_files(folder, enough))
 
     def crop(self, rng: np.random.Generator, size: tuple[int, int]) -> UInt8[np.ndarray, "h w 3"]:
         """A part of a photograph.

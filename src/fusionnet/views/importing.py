@@ -203,7 +203,12 @@ def choose(views: tuple[EnvironmentalView, ...], count: int) -> tuple[Environmen
     """The views whose cameras stand farthest apart, in their first order.
 
     Each next one is the farthest from all chosen before, environments in turn as far as they go.
+
+    Raises:
+        InputError: If fewer than one is asked for.
     """
+    if count < 1:
+        raise InputError(f"At least one view has to be kept; received {count}.")
     if count >= len(views):
         return views
     places = np.array([invert(view.camera_from_board)[:3, 3] for view in views])
@@ -212,7 +217,8 @@ def choose(views: tuple[EnvironmentalView, ...], count: int) -> tuple[Environmen
         apart = np.linalg.norm(places[:, None] - places[chosen], axis=-1).min(axis=1)
         used = [views[index].environment for index in chosen]
         rarity = np.array([used.count(view.environment) for view in views])
-        apart[rarity > rarity.min()] -= 1e3
+        free = np.setdiff1d(np.arange(len(views)), chosen)
+        apart[rarity > rarity[free].min()] -= 1e3
         apart[chosen] = -np.inf
         chosen.append(int(np.argmax(apart)))
     return tuple(views[index] for index in sorted(chosen))

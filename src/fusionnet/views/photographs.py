@@ -66,8 +66,12 @@ class Environment:
         return self.usable[0].orientation
 
 
-def picture_files(folder: Path) -> list[Path]:
+def picture_files(folder: Path, enough: str = "60 show a lens well") -> list[Path]:
     """The pictures in a folder, by name.
+
+    Args:
+        folder: Where they lie.
+        enough: Why fewer will do, said where there are more than `MOST_PHOTOGRAPHS`.
 
     Raises:
         InputError: If there is no such folder, or no or too many pictures in it.
@@ -85,7 +89,7 @@ def picture_files(folder: Path) -> list[Path]:
     if len(files) > MOST_PHOTOGRAPHS:
         raise InputError(
             f"The folder {folder} holds {len(files)} photographs, more than {MOST_PHOTOGRAPHS}; "
-            "60 show a lens well."
+            f"{enough}."
         )
     return files
 
