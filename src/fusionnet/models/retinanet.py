@@ -304,9 +304,15 @@ class RetinaNet(nn.Module):
 
     @torch.inference_mode()
     def detect_prepared(self, picture: UInt8[np.ndarray, "h w 3"]) -> Boxes:
-        """What the box head finds, in pixels of a picture at the scale of the network's input."""
-        levels, _, _ = self._features(prepared := torch.from_numpy(picture)[None])
-        return self.box_head.predict(self._boxes(prepared, levels))[0]
+        """What the box head finds, in pixels of a picture at the scale of the network's input.
+
+        Convolutions are in half precision, as in `see_prepared`.
+        """
+        prepared = torch.from_numpy(picture)[None]
+        with torch.autocast("cpu", torch.bfloat16, enabled=_half_is_fast()):
+            levels, _, _ = self._features(prepared)
+            outputs = self._boxes(prepared, levels)
+        return self.box_head.predict(outputs)[0]
 
     def save(self, folder: Path, metadata: Mapping[str, Any], *, half: bool = True) -> None:
         """Write a checkpoint folder."""
