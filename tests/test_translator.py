@@ -377,7 +377,7 @@ def test_augmented_sentences_are_whole(treebank):
 
 
 def test_trees_that_describe_what_is_dropped_are_told(treebank):
-    drops = [c for c in treebank.commands if events(c.tree)[0].action == Action.DROP]
+    drops = [c for c in treebank.commands if events(c.tree)[0].action.value == Action.DROP]
     told = [a for c in drops if (a := aligned(c)) and describes_what_is_dropped(a)]
     assert len(told) == 2
     assert all(s.symbols[0] == DROP and s.holding for s in told)
