@@ -31,6 +31,18 @@ def data_folder() -> Path:
     return folder
 
 
+@pytest.fixture(scope="session")
+def pictures_here() -> None:
+    """Skip where nothing can be rendered; the gate fails there, as it runs a command first."""
+    from fusionnet.errors import RenderingError  # after the type checker's hook is in place
+    from fusionnet.simulation import SceneRenderer
+
+    try:
+        SceneRenderer("nico", (64, 36)).close()
+    except RenderingError as error:
+        pytest.skip(f"no pictures here: {error}")
+
+
 @pytest.fixture(autouse=True)
 def no_data_by_default(monkeypatch: pytest.MonkeyPatch) -> None:
     """Commands find only the data that a test gives them, on every machine alike."""

@@ -19,11 +19,10 @@ from safetensors.torch import load_file, save_file
 
 from fusionnet.blocks import Layout, plan, random_layout, validate
 from fusionnet.corpora import load_corpus
-from fusionnet.errors import CheckpointError, DataError, InputError, RenderingError
+from fusionnet.errors import CheckpointError, DataError, InputError
 from fusionnet.models.fusionnet import FusionNet, compact
 from fusionnet.models.retinanet import RetinaNet
 from fusionnet.rcl import Action, events, format
-from fusionnet.simulation import SceneRenderer
 from fusionnet.training.fusion import FusionBatch, FusionConfig, draw_batch, train
 from fusionnet.training.loop import LoopConfig, fit
 from fusionnet.training.planned_examples import PlannedExamples
@@ -130,11 +129,9 @@ def test_real_readings_can_be_kept_and_trained_on(
     )
 
 
-def test_a_readers_outputs_are_collected_from_rendered_pictures(tmp_path: Path) -> None:
-    try:
-        SceneRenderer("nico")
-    except RenderingError as error:
-        pytest.skip(f"no pictures here: {error}")
+def test_a_readers_outputs_are_collected_from_rendered_pictures(
+    pictures_here: None, tmp_path: Path
+) -> None:
     seen = []
     file = tmp_path / "outputs.npz"
     collect_reader_outputs(

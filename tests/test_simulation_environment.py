@@ -13,14 +13,13 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 
 from fusionnet.blocks import plan
-from fusionnet.errors import InputError, RenderingError
+from fusionnet.errors import InputError
 from fusionnet.randomness import derived_seed
 from fusionnet.robots import ArmKinematics
 from fusionnet.simulation import joint_targets, servo_environment, viewer, world
 from fusionnet.simulation.environment import PickPlace
 from fusionnet.simulation.motion import PathPlanner
 from fusionnet.simulation.offscreen import Offscreen
-from fusionnet.simulation.renderer import shared_renderer
 from fusionnet.simulation.servo_environment import PickPlaceServo
 from tiny_treebank import ask_the_impossible, write_tiny_treebank
 
@@ -28,11 +27,8 @@ SIZE = (128, 72)
 
 
 @pytest.fixture(scope="module", autouse=True)
-def graphics():
-    try:
-        shared_renderer("nico", SIZE)
-    except RenderingError as error:
-        pytest.skip(f"no pictures here: {error}")
+def graphics(pictures_here):
+    """Everything here looks."""
 
 
 @pytest.fixture

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from fusionnet.blocks import Block, Cell, Color, Shape
-from fusionnet.errors import OutputError, RenderingError
+from fusionnet.errors import OutputError
 from fusionnet.simulation import Appearance
 from fusionnet.simulation.episode import Recording
 from fusionnet.simulation.renderer import shared_renderer
@@ -13,11 +13,8 @@ from fusionnet.simulation.video import film
 
 
 @pytest.fixture(scope="module")
-def recording():
-    try:
-        renderer = shared_renderer("nico")
-    except RenderingError as error:
-        pytest.skip(f"no pictures here: {error}")
+def recording(pictures_here):
+    renderer = shared_renderer("nico")
     block = Block(Color.RED, Shape.CUBE, Cell(3, 3, 0))
     place = renderer.robot.cell_position(block.cell)
     frames = 4

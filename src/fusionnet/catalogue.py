@@ -63,7 +63,7 @@ class Catalogue:
             module = importlib.import_module(module_name)
         except FusionNetError:
             raise
-        except Exception as error:
+        except Exception as error:  # a stranger's file may raise anything
             raise DataError(
                 f"The {self.kind} {name!r} cannot be loaded: {_reason(error)}."
             ) from error

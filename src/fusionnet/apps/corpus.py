@@ -13,7 +13,7 @@ from rich.table import Table
 from fusionnet.apps.corpus_source import CorpusSource, read_corpus
 from fusionnet.apps.progress import bars
 from fusionnet.corpora import json_lines, treebank_files
-from fusionnet.errors import InputError, OutputError
+from fusionnet.errors import InputError
 from fusionnet.files import check_file, folder_whole, write_whole
 from fusionnet.sentences.corpus_statistics import statistics
 from fusionnet.sentences.word_vectors import (
@@ -116,7 +116,6 @@ def vectors(config: VectorsConfig) -> dict[str, Any]:
     """
     check_file(config.out)
     commands = read_corpus(config.source).commands
-    _make_folder(config.out.parent)
     sentences = (
         noised_sentences(commands, config.how.seed)
         if config.of == "sentences"
@@ -133,13 +132,6 @@ def vectors(config: VectorsConfig) -> dict[str, Any]:
         "nearest": near,
         "out": str(config.out),
     }
-
-
-def _make_folder(folder: Path) -> None:
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise OutputError(f"Cannot make {folder}: {error.strerror or error}.") from error
 
 
 def _counts(title: str, parts: Mapping[str, Any]) -> Table:

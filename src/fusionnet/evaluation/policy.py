@@ -138,8 +138,6 @@ class PolicyReport:
         the first one of every command alone.
         """
         outcomes = Counter(record.outcome for record in self.records)
-        reached = outcomes["reached"]
-        low, high = wilson_interval(reached, len(self.records))
         wrong = sum(r.outcome != "reached" and r.squared_error is not None for r in self.records)
         wrong_low, wrong_high = wilson_interval(wrong, len(self.records))
         answered = [r for r in self.records if r.squared_error is not None]
@@ -157,10 +155,8 @@ class PolicyReport:
             "strength": self.config.strength,
             "seed": self.config.seed,
             "not_executable": self.not_executable,
-            "n": len(self.records),
+            **_success(self.records),
             "answered": len(answered),
-            "executed_success": round(reached / len(self.records), 4),
-            "executed_success_95": [round(low, 4), round(high, 4)],
             "wrong_moves": round(wrong / len(self.records), 4),
             "wrong_moves_95": [round(wrong_low, 4), round(wrong_high, 4)],
             "joint_mse": _mean([r.squared_error for r in answered], 6),

@@ -340,9 +340,9 @@ class RetinaNet(nn.Module):
         return model.eval()
 
 
-def _check_backbone(backbone: nn.Module, config: RetinaNetConfig) -> None:
+def _check_backbone(backbone: Any, config: RetinaNetConfig) -> None:
     """Refuse a backbone without the small pyramid's three maps, or the stem of details."""
-    count = len(backbone.strides)  # type: ignore[arg-type]
+    count = len(backbone.strides)
     if config.pyramid == "small" and count != 3:
         raise InputError(
             f"The small pyramid takes three maps; the backbone {config.backbone!r} has {count}."

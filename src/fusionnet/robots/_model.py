@@ -8,7 +8,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
-from fusionnet.errors import DataError
+from fusionnet.errors import DataError, FusionNetError
 
 
 class CollisionBit(IntFlag):
@@ -57,10 +57,12 @@ def model_errors(robot: str) -> Iterator[None]:
     """Turn what MuJoCo refuses, while a model is added to or compiled, into one line.
 
     Raises:
-        DataError: For MuJoCo's ValueError; the message has its reason.
+        DataError: For MuJoCo's ValueError; the message has its reason. Errors of ours pass.
     """
     try:
         yield
+    except FusionNetError:
+        raise
     except ValueError as error:
         raise DataError(
             f"The model of robot {robot!r} cannot be compiled: {_in_one_line(error)}"

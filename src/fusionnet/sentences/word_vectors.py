@@ -14,8 +14,6 @@ References:
 
 import json
 import logging
-import os
-import tempfile
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -24,10 +22,11 @@ from typing import Any, Literal
 import numpy as np
 from jaxtyping import Float
 from safetensors import SafetensorError, safe_open
-from safetensors.numpy import save_file
+from safetensors.numpy import save
 
 from fusionnet.corpora import Command
-from fusionnet.errors import DataError, InputError, OutputError, UnknownNameError
+from fusionnet.errors import DataError, InputError, UnknownNameError
+from fusionnet.files import write_whole
 from fusionnet.randomness import derived_seed, generator
 from fusionnet.rcl import format
 from fusionnet.sentences.perturbations import variants
@@ -132,23 +131,13 @@ class WordVectors:
         return rows.astype(np.float32)
 
     def save(self, file: Path) -> None:
-        """Write one safetensors file, aside first; the words lie in its metadata.
+        """Write one safetensors file, whole or not at all; the words lie in its metadata.
 
         Raises:
             OutputError: If it cannot be written.
         """
         said = {"words": json.dumps(self.words), "config": json.dumps(asdict(self.config))}
-        try:
-            handle, aside = tempfile.mkstemp(dir=file.parent, prefix=f".{file.name}.")
-            os.close(handle)
-            try:
-                save_file({"vectors": np.ascontiguousarray(self.vectors)}, aside, metadata=said)
-                os.replace(aside, file)
-            except BaseException:
-                os.unlink(aside)
-                raise
-        except (OSError, SafetensorError) as error:
-            raise OutputError(f"{file} cannot be written: {error}.") from None
+        write_whole(file, save({"vectors": np.ascontiguousarray(self.vectors)}, metadata=said))
 
     @classmethod
     def load(cls, file: Path) -> "WordVectors":

@@ -170,7 +170,7 @@ class Offscreen:
             raise RenderingError("This renderer was closed; make a new one.")
         try:
             self._gl.make_current()
-        except Exception as error:
+        except Exception as error:  # PyOpenGL's, as above
             raise RenderingError(
                 f"This renderer takes no picture here ({_reason(error)}); it serves the thread"
                 " that made it alone."
