@@ -12,6 +12,9 @@ settings.load_profile("fusionnet")
 
 REPOSITORY = Path(__file__).resolve().parent.parent
 
+NAMED = os.environ.get("FUSIONNET_DATA")
+"""Read once: tests run without the variable, and this folder may be asked for after one began."""
+
 
 def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption(
@@ -24,8 +27,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 @pytest.fixture(scope="session")
 def data_folder() -> Path:
     """The folder with the treebank and the URDF; tests that need it skip where it is missing."""
-    named = os.environ.get("FUSIONNET_DATA")
-    folder = Path(named) if named else REPOSITORY.parent / "shared" / "data"
+    folder = Path(NAMED) if NAMED else REPOSITORY.parent / "shared" / "data"
     if not (folder / "treebank").is_dir():
         pytest.skip(f"no treebank in {folder} (set FUSIONNET_DATA to the folder that holds it)")
     return folder

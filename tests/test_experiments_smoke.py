@@ -6,6 +6,7 @@ import math
 import pytest
 
 from fusionnet import experiments
+from fusionnet.corpora import synthetic
 from fusionnet.experiments import Plan, reproduce
 from fusionnet.report import html_page
 from fusionnet.report.chapters import chapter
@@ -15,6 +16,12 @@ from fusionnet.report.chapters import chapter
 def work(tmp_path_factory):
     """Data sets that experiments share are made once."""
     return tmp_path_factory.mktemp("work")
+
+
+@pytest.fixture(autouse=True)
+def few_commands(monkeypatch):
+    """Of which the data sets of this scale take a few dozen."""
+    monkeypatch.setattr(synthetic, "CORPUS_SIZE", 300)
 
 
 @pytest.mark.parametrize("name", experiments.names())

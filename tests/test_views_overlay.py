@@ -8,7 +8,7 @@ from scipy.spatial import ConvexHull
 
 from fusionnet.blocks import Block, Cell, Color, Gripper, Layout, Shape, random_layout
 from fusionnet.blocks.grid import BLOCK_SIZE
-from fusionnet.errors import InputError, RenderingError
+from fusionnet.errors import InputError
 from fusionnet.geometry import PinholeCamera, PointBehindCameraError, invert, transform
 from fusionnet.randomness import generator
 from fusionnet.robots import load
@@ -25,11 +25,8 @@ SIZE = (480, 270)
 
 
 @pytest.fixture(scope="module")
-def renderer():
-    try:
-        made = OverlayRenderer(SIZE)
-    except RenderingError as error:
-        pytest.skip(f"no pictures here: {error}")
+def renderer(pictures_here):
+    made = OverlayRenderer(SIZE)
     yield made
     made.close()
 
